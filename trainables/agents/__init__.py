@@ -1,0 +1,89 @@
+"""The agents that have a name. Add one: its hyperparameters, its learner, and a line in AGENTS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import ValidationError
+
+from trainables.agents import hyperparameters as hp
+from trainables.errors import InputError, from_validation, unknown
+from trainables.tasks import Task, families
+
+__all__ = ["AGENTS", "Agent", "agent_named"]
+
+
+@dataclass(frozen=True)
+class Agent:
+    """What is registered under a name."""
+
+    name: str
+    description: str
+    hyperparameters: type[hp.Hyperparameters]
+    base: str | None
+    """The agent without transfer that this one is compared with and whose source it uses; None: it is one itself."""
+    learner: str
+    """`module:Class` of the learner, imported when a cell is trained."""
+    kind: Literal["tabular", "deep"] = "tabular"
+
+    @property
+    def needs_source(self) -> bool:
+        """Whether a cell of this agent names a source."""
+        return self.base is not None
+
+    def resolve(self, task: Task, given: dict[str, object]) -> hp.Hyperparameters:
+        """All hyperparameters for `task`: the given ones, then the task's own (Tables 4 to 7), then the defaults.
+
+        Raises InputError for a wrong key, type or range, or where the agent cannot learn this task.
+        """
+        if self.kind == "tabular" and not task.tabular:
+            tabular = [name for name, family in families().items() if family.model is not None]
+            raise InputError(f"{self.name} needs a tabular task ({', '.join(tabular)}), which {task.name} is not")
+        known = self.hyperparameters.model_fields
+        own = {key: value for key, value in task.family.defaults.items() if key in known and self._takes(key)}
+        for key in given:
+            if key not in known:
+                raise unknown(f"hyperparameter of {self.name}", key, known)
+        try:
+            return self.hyperparameters.model_validate(own | given)
+        except ValidationError as error:
+            raise from_validation(self.name, error) from None
+
+    def _takes(self, key: str) -> bool:
+        """The paper's threshold per task is Algorithm 1's; the confidence gate's is on another scale."""
+        return key != "threshold" or self.name == "delta_gate"
+
+
+_LEARNER = "trainables.agents.q_learning:TabularLearner"
+
+AGENTS: dict[str, Agent] = {
+    agent.name: agent
+    for agent in (
+        Agent("q_learning", "Q-learning without transfer", hp.QLearning, None, _LEARNER),
+        Agent("policy_reuse", "the source policy, unchanged (direct reuse)", hp.Transfer, "q_learning", _LEARNER),
+        Agent("ppr", "probabilistic policy reuse", hp.ProbabilisticPolicyReuse, "q_learning", _LEARNER),
+        Agent(
+            "delta_gate",
+            "Algorithm 1: the source policy while max |delta| <= threshold",
+            hp.DeltaGate,
+            "q_learning",
+            _LEARNER,
+        ),
+        Agent(
+            "confidence_gate",
+            "Algorithm 1 with a gate that asks for significance",
+            hp.ConfidenceGate,
+            "q_learning",
+            _LEARNER,
+        ),
+        Agent("q_warm_start", "Q-learning that starts from Q_src", hp.Transfer, "q_learning", _LEARNER),
+    )
+}
+
+
+def agent_named(name: str) -> Agent:
+    """The agent called `name`; InputError with the list of what there is."""
+    if name not in AGENTS:
+        raise unknown("agent", name, AGENTS)
+    return AGENTS[name]

@@ -1,0 +1,120 @@
+"""A cell: one (agent, task, source, hyperparameters, seed), the unit of work, of resume and of reproducibility."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from trainables.agents import agent_named
+from trainables.agents.hyperparameters import Hyperparameters
+from trainables.errors import InputError, from_validation
+from trainables.tasks import parse_task
+
+SCHEMA = 1
+"""Version of the cell's JSON and of what its result means: a change of the arithmetic raises it, and so every id."""
+
+ID_LENGTH = 16
+
+
+def content_id(data: object) -> str:
+    """The first 64 bits of the SHA-256 of canonical JSON, in hexadecimal."""
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:ID_LENGTH]
+
+
+class Source(BaseModel):
+    """Where a cell's source knowledge comes from."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    task: str
+    """The source task."""
+    kind: Literal["learned", "exact"]
+    """Trained by the cell `cell_id`, or by value iteration (tabular tasks)."""
+    cell_id: str | None = None
+    """The cell that trained it; None for an exact source."""
+
+
+class Cell(BaseModel):
+    """Everything that decides a result, and nothing else. Build one with `Cell.create`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    agent: str
+    task: str
+    seed: Annotated[int, Field(ge=0)]
+    hyperparameters: dict[str, float | int | str | bool]
+    """All of them, defaults filled in."""
+    source: Source | None = None
+
+    @classmethod
+    def create(
+        cls,
+        agent: str,
+        task: str,
+        seed: int,
+        hyperparameters: dict[str, Any] | None = None,
+        source: Source | None = None,
+    ) -> Cell:
+        """A checked cell with canonical names and all hyperparameters.
+
+        Raises InputError for anything unknown, out of range, or missing (a source, for an agent that needs one).
+        """
+        named, parsed = agent_named(agent), parse_task(task)
+        full = named.resolve(parsed, hyperparameters or {}).model_dump()
+        if named.needs_source and source is None:
+            raise InputError(f"{agent} needs a source task")
+        if not named.needs_source and source is not None:
+            raise InputError(f"{agent} takes no source (got {source.task})")
+        if source is not None:
+            source = _checked(source, named.kind)
+        try:
+            return cls(agent=agent, task=parsed.name, seed=seed, hyperparameters=full, source=source)
+        except ValidationError as error:
+            raise from_validation("cell", error) from None
+
+    @functools.cached_property
+    def id(self) -> str:
+        """The content hash: equal cells, and only they, have equal ids."""
+        return content_id(self.to_json())
+
+    @property
+    def settings(self) -> Hyperparameters:
+        """The hyperparameters as the agent's own type."""
+        return agent_named(self.agent).resolve(parse_task(self.task), dict(self.hyperparameters))
+
+    @property
+    def group(self) -> str:
+        """The id of what the cell shares with its other seeds: agent, task, kind of source and hyperparameters."""
+        source = None if self.source is None else [self.source.task, self.source.kind]
+        return content_id([self.agent, self.task, source, self.hyperparameters])
+
+    def to_json(self) -> dict[str, Any]:
+        """The cell as plain data, with its schema version."""
+        return {"schema": SCHEMA, **self.model_dump()}
+
+    @classmethod
+    def from_json(cls, data: object) -> Cell:
+        """The cell that `to_json` wrote; InputError where it is not one, or of another schema version."""
+        if not isinstance(data, dict):
+            raise InputError(f"a cell must be an object (got {data!r})")
+        if data.get("schema") != SCHEMA:
+            raise InputError(f"a cell's schema must be {SCHEMA} (got {data.get('schema')!r})")
+        try:
+            raw = cls.model_validate({key: value for key, value in data.items() if key != "schema"})
+        except ValidationError as error:
+            raise from_validation("cell", error) from None
+        return cls.create(raw.agent, raw.task, raw.seed, dict(raw.hyperparameters), raw.source)
+
+
+def _checked(source: Source, kind: str) -> Source:
+    task = parse_task(source.task)
+    if source.kind == "exact" and not (task.tabular and kind == "tabular"):
+        raise InputError(f"an exact source needs a tabular task (got {task.name})")
+    if (source.kind == "learned") != (source.cell_id is not None):
+        raise InputError(f"a {source.kind} source {'needs' if source.kind == 'learned' else 'has no'} cell id")
+    return source.model_copy(update={"task": task.name})

@@ -1,0 +1,71 @@
+"""Greedy evaluation: one point of the evaluation curve."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainables.jit import compiled
+from trainables.tasks.model import TransitionModel
+
+
+@dataclass(frozen=True)
+class EvalPoint:
+    """One greedy evaluation of a cell. Everything but `seconds` is equal, bit for bit, wherever the cell runs."""
+
+    episode: int
+    """Training episodes so far."""
+    step: int
+    """Training steps so far."""
+    greedy_return: float
+    """Undiscounted return of the greedy policy (see the agent for which policy that is)."""
+    discounted_return: float
+    """The same, discounted by gamma."""
+    training_return: float | None
+    """Mean undiscounted return of the training episodes since the last point; None before the first episode."""
+    statistics: Mapping[str, float]
+    """delta and gate statistics, by name; empty for an agent without a source."""
+    seconds: float = field(compare=False, default=0.0)
+    """Seconds since the cell started."""
+
+
+@compiled
+def _propagate(
+    indptr: NDArray[np.int32],
+    indices: NDArray[np.int32],
+    probabilities: NDArray[np.float64],
+    rewards: NDArray[np.float64],
+    policy: NDArray[np.int64],
+    start: int,
+    time_limit: int,
+    gamma: float,
+) -> tuple[float, float]:
+    states, actions = rewards.shape
+    now, after = np.zeros(states), np.zeros(states)
+    now[start] = 1.0
+    total, discounted, discount = 0.0, 0.0, 1.0
+    for _ in range(time_limit):
+        reward = 0.0
+        for state in range(states):
+            mass = now[state]
+            if mass == 0.0:
+                continue
+            now[state] = 0.0
+            row = state * actions + policy[state]
+            reward += mass * rewards[state, policy[state]]
+            for at in range(indptr[row], indptr[row + 1]):
+                after[indices[at]] += mass * probabilities[at]
+        total += reward
+        discounted += discount * reward
+        discount *= gamma
+        now, after = after, now
+    return total, discounted
+
+
+def expected_return(model: TransitionModel, policy: NDArray[np.int64], gamma: float) -> tuple[float, float]:
+    """The exact (undiscounted, discounted) return of one episode, time limit included, of the `policy` (S,)."""
+    p = model.transitions
+    return _propagate(p.indptr, p.indices, p.data, model.rewards, policy, model.start, model.time_limit, gamma)

@@ -1,0 +1,41 @@
+"""What a trained agent knows, as plain arrays: the source knowledge of a later transfer."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainables.errors import InputError
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """Named arrays, e.g. {"q": (S, A) float64} for a table."""
+
+    arrays: Mapping[str, NDArray[Any]]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over names, types, shapes and bytes: equal iff every bit is."""
+        digest = hashlib.sha256()
+        for name in sorted(self.arrays):
+            array = np.ascontiguousarray(self.arrays[name])
+            digest.update(f"{name}:{array.dtype.str}:{array.shape};".encode())
+            digest.update(array.tobytes())
+        return digest.hexdigest()
+
+    def q_table(self, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """The (S, A) table; InputError where there is none, it is not finite, or its shape is not `shape`."""
+        q = self.arrays.get("q")
+        if q is None or q.dtype != np.float64:
+            raise InputError("the source is not a Q table of 64-bit floats")
+        if q.shape != shape:
+            raise InputError(f"the source's Q table has shape {q.shape}, but the target task needs {shape}")
+        if not np.isfinite(q).all():
+            raise InputError("the source's Q table holds a NaN or an infinity")
+        return q

@@ -1,0 +1,33 @@
+"""Random streams by role, so that no part of a run can disturb another."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Literal
+
+import numpy as np
+
+Role = Literal["training_env", "evaluation_env", "exploration", "network_init", "replay"]
+
+_SPAWN_KEYS: dict[Role, int] = {
+    "training_env": 0,
+    "evaluation_env": 1,
+    "exploration": 2,
+    "network_init": 3,
+    "replay": 4,
+}
+
+
+def seed_sequence(seed: int, role: Role, task: str) -> np.random.SeedSequence:
+    """The seed sequence of one role of one run.
+
+    The task's name takes part, so that a target run never replays the noise of the source run of its own
+    seed; the agent's does not, so that agents with the same seed meet the same noise (paired by seed).
+    """
+    digest = int.from_bytes(hashlib.sha256(task.encode()).digest()[:8], "big")
+    return np.random.SeedSequence(entropy=[seed, digest], spawn_key=(_SPAWN_KEYS[role],))
+
+
+def stream(seed: int, role: Role, task: str) -> np.random.Generator:
+    """A fresh generator for `role`: always at the start of its stream."""
+    return np.random.default_rng(seed_sequence(seed, role, task))

@@ -1,0 +1,52 @@
+"""What a tabular task is made of: sampled dynamics for training, the exact transition model for everything exact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What the compiled step function of a tabular task reads (see `dynamics.step`)."""
+
+    kind: int
+    """Which task's step function."""
+    parameters: NDArray[np.float64]
+    """Its parameters; their order is that function's own."""
+    start: int
+    states: int
+    actions: int
+    time_limit: int
+    """Steps until an episode is truncated."""
+
+
+@dataclass(frozen=True)
+class TransitionModel:
+    """p(s'|s,a) and r(s,a) of a task with S states and A actions.
+
+    Terminal states have empty rows, so their value is 0 in every equation without a special case.
+    """
+
+    transitions: csr_array
+    """(S * A, S): row s * A + a holds p(.|s,a)."""
+    rewards: NDArray[np.float64]
+    """(S, A): the expected reward of one step."""
+    start: int
+    time_limit: int
+    """Steps until an episode is truncated."""
+
+    @property
+    def terminal(self) -> NDArray[np.bool_]:
+        """(S,): the states that end an episode."""
+        actions = self.rewards.shape[1]
+        result: NDArray[np.bool_] = np.diff(self.transitions.indptr[::actions]) == 0
+        return result
+
+    def expected_next(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """sum_s' p(s'|s,a) values(s'), as (S, A), from `values` (S,)."""
+        result: NDArray[np.float64] = (self.transitions @ values).reshape(self.rewards.shape)
+        return result

@@ -1,0 +1,89 @@
+"""train(cell, source): one cell from its first greedy evaluation to its last. No Ray, no MLflow."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Protocol
+
+from trainables.agents import agent_named
+from trainables.cell import Cell
+from trainables.delta.exact import exact_q
+from trainables.errors import InputError
+from trainables.evaluation import EvalPoint
+from trainables.knowledge import Knowledge
+from trainables.tasks import parse_task
+
+
+class Learner(Protocol):
+    """An agent at work on one task. `Agent.learner` names a class that is built from (cell, source)."""
+
+    def run(self, episodes: int) -> None:
+        """Train for that many more episodes."""
+
+    def evaluate(self) -> EvalPoint:
+        """The next point of the evaluation curve."""
+
+    def knowledge(self) -> Knowledge:
+        """What has been learned so far."""
+
+
+class TrainingError(RuntimeError):
+    """A cell that cannot go on, e.g. a return that is not a number. The text says where and why."""
+
+
+class Training(Iterator[EvalPoint]):
+    """The evaluation points of one cell, each computed when it is asked for."""
+
+    def __init__(self, cell: Cell, source: Knowledge | None = None) -> None:
+        self.cell = cell
+        self._learner = _learner(cell, source)
+        self._episodes: int | None = None
+        self._started = time.perf_counter()
+
+    def __next__(self) -> EvalPoint:
+        """Train up to the next evaluation, and evaluate. Raises TrainingError where a return is not finite."""
+        settings = self.cell.settings
+        if self._episodes is None:
+            self._episodes = 0
+        elif self._episodes >= settings.episodes:
+            raise StopIteration
+        else:
+            block = min(settings.evaluate_every, settings.episodes - self._episodes)
+            self._learner.run(block)
+            self._episodes += block
+        point = self._learner.evaluate()
+        if not math.isfinite(point.greedy_return):
+            raise TrainingError(f"the greedy return is {point.greedy_return} after episode {point.episode}")
+        object.__setattr__(point, "seconds", time.perf_counter() - self._started)
+        return point
+
+    def knowledge(self) -> Knowledge:
+        """What the agent has learned so far: after the last point, the source knowledge of a later transfer."""
+        return self._learner.knowledge()
+
+
+def train(cell: Cell, source: Knowledge | None = None) -> Training:
+    """Iterate over the EvalPoints of `cell`; equal bits wherever and whenever it runs.
+
+    source: the knowledge that `cell.source` names. An exact source is computed where it is not given.
+    Raises InputError where a learned source is missing or does not fit the task.
+    """
+    if cell.source is not None and source is None:
+        if cell.source.kind == "learned":
+            raise InputError(f"cell {cell.id} needs the knowledge of its source cell {cell.source.cell_id}")
+        source = exact_source(cell.source.task, cell.settings.gamma)
+    return Training(cell, source)
+
+
+def exact_source(task: str, gamma: float) -> Knowledge:
+    """Q* of `task` by value iteration, as source knowledge."""
+    return Knowledge({"q": exact_q(parse_task(task).name, gamma)})
+
+
+def _learner(cell: Cell, source: Knowledge | None) -> Learner:
+    module, _, name = agent_named(cell.agent).learner.partition(":")
+    learner: Learner = getattr(import_module(module), name)(cell, source)
+    return learner
