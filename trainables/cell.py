@@ -37,6 +37,10 @@ class Source(BaseModel):
     """Trained by the cell `cell_id`, or by value iteration (tabular tasks)."""
     cell_id: str | None = None
     """The cell that trained it; None for an exact source."""
+    checkpoint: Literal["last", "best"] = "last"
+    """Which of its networks (deep agents): the last one, or the one with the best greedy evaluation."""
+    steps: int | None = None
+    """T, the training steps that the source run of this cell's own seed took (deep agents' decay constant C)."""
 
 
 class Cell(BaseModel):

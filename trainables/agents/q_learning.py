@@ -200,7 +200,8 @@ class TabularLearner:
         gate_open = self._rule.reuse == Reuse.GATE and self._counts.over[0] == 0
         if gate_open or self._rule.reuse == Reuse.ALWAYS:
             return self._tables.pi_src
-        return self._tables.q.argmax(axis=1)
+        greedy: NDArray[np.int64] = self._tables.q.argmax(axis=1)
+        return greedy
 
     def _psi(self, episodes: NDArray[np.int64]) -> NDArray[np.float64]:
         """psi_e = psi_start nu^e, multiplied up one episode at a time from the first."""

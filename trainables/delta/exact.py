@@ -47,7 +47,7 @@ def backup(model: TransitionModel, values: Array, gamma: float) -> Array:
 
 
 def value_iteration(model: TransitionModel, gamma: float) -> Array:
-    """Q* as (S, A): value iteration, each step with many cheap backups of its greedy policy (modified policy iteration)."""
+    """Q* as (S, A), by value iteration with many cheap backups of the greedy policy in each step."""
     values = np.zeros(model.rewards.shape[0])
     while True:
         q = backup(model, values, gamma)

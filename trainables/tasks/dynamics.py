@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -28,7 +28,7 @@ def step(
 class TabularEnv(gymnasium.Env[Any, Any]):
     """A tabular task as a Gymnasium environment: observations 0..S-1, actions 0..A-1."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium declares it on the instance)
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics = dynamics
