@@ -20,17 +20,28 @@ def unknown(what: str, name: str, known: Iterable[str]) -> InputError:
     return InputError(f"unknown {what} '{name}': {hint}there is {', '.join(names) or 'none'}")
 
 
+_UNION_MEMBERS = ("float", "int", "str", "bool")
+_RULES = {
+    "too_short": "must not be empty",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a mapping of keys to values",
+    "string_pattern_mismatch": "must be 1 to 64 letters, digits, dots, dashes or underscores, a letter or digit first",
+}
+"""Our words where pydantic's speak of Python."""
+
+
 def from_validation(where: str, error: ValidationError) -> InputError:
     """Turn pydantic's report into one sentence: the first offending field, what it may be, what it was."""
     first = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in first["loc"] if not str(part).startswith("function-"))
+    place = ".".join(str(part) for part in first["loc"] if part not in _UNION_MEMBERS)
     subject = f"{where}: {place}" if place else where
     if first["type"] == "extra_forbidden":
         return InputError(f"{subject} is not a known key")
     if first["type"] == "missing":
         return InputError(f"{subject} is missing")
-    rule = first["msg"][0].lower() + first["msg"][1:]
-    rule = rule.removeprefix("value error, ").replace("input should be", "must be").replace("input should", "must")
-    others = error.error_count() - 1
-    more = f" (and {others} more)" if others else ""
-    return InputError(f"{subject} {rule} (got {first['input']!r}){more}")
+    if first["type"] == "value_error":
+        return InputError(f"{subject}{' ' if place else ': '}{first['ctx']['error']}")
+    rule = _RULES.get(
+        first["type"], first["msg"].replace("Input should", "must").replace("must be a valid", "must be a")
+    )
+    return InputError(f"{subject} {rule} (got {first['input']!r})")

@@ -1,0 +1,1 @@
+"""Who runs it: plans, sweeps, results, statistics, tracking and the command line."""

@@ -1,0 +1,147 @@
+"""From cells to groups: one row per (task, agent, source, hyperparameters), over its seeds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from orchestrator import statistics
+from orchestrator.statistics import Estimate, TransferRatio
+from trainables.agents import AGENTS
+
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A group with transfer against the group without, paired by the seeds that both have."""
+
+    seeds: int
+    transfer_ratio: TransferRatio
+    difference: Estimate
+    """A_t - A_w."""
+    probability_of_improvement: Estimate
+    jumpstart: Estimate
+    """Difference of the first evaluations."""
+    asymptotic: Estimate
+    """Difference of the asymptotic performances."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """The cells that differ in nothing but the seed."""
+
+    id: str
+    stage: str
+    task: str
+    agent: str
+    source: str
+    """learned, exact or none."""
+    source_task: str | None
+    hyperparameters: Values
+    seeds: tuple[int, ...]
+    """Seeds that are done."""
+    failed: int
+    missing: int
+    auc: Estimate | None
+    """Mean over seeds; None where no cell is done."""
+    auc_sd: float | None
+    auc_iqm: Estimate | None
+    training_auc: Estimate | None
+    asymptotic: Estimate | None
+    max_abs_delta: Estimate | None
+    """max |delta| at the end, as the agent estimated it."""
+    against_base: Comparison | None
+    """None for an agent without transfer, and where the one without transfer is not in the sweep."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether every seed is done: only such a group is ever selected."""
+        return bool(self.seeds) and not self.failed and not self.missing
+
+
+def groups(cells: pd.DataFrame) -> list[Group]:
+    """The groups of a cells table, in its order."""
+    if cells.empty:
+        return []
+    frames: dict[str, pd.DataFrame] = {str(key): frame for key, frame in cells.groupby("group", sort=False)}
+    bases = {_base_key(frame.iloc[0]): frame for frame in frames.values() if frame.iloc[0]["source"] == "none"}
+    return [_group(key, frame, bases) for key, frame in frames.items()]
+
+
+def _base_key(row: pd.Series, agent: str | None = None) -> tuple[str, str, str]:
+    """(task, agent, hyperparameters): what a cell without transfer must share with a cell that is held against it."""
+    name = agent or str(row["agent"])
+    known = AGENTS[name].hyperparameters.model_fields
+    values = {key: value for key, value in json.loads(row["hyperparameters"]).items() if key in known}
+    return str(row["task"]), name, json.dumps(values, sort_keys=True)
+
+
+def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], pd.DataFrame]) -> Group:
+    first = frame.iloc[0]
+    done = frame[frame["status"] == "done"]
+    base = AGENTS[str(first["agent"])].base
+    without = bases.get(_base_key(first, base)) if base else None
+    return Group(
+        id=key,
+        stage=str(first["stage"]),
+        task=str(first["task"]),
+        agent=str(first["agent"]),
+        source=str(first["source"]),
+        source_task=first["source_task"] if isinstance(first["source_task"], str) else None,
+        hyperparameters=json.loads(first["hyperparameters"]),
+        seeds=tuple(int(seed) for seed in done["seed"]),
+        failed=int((frame["status"] == "failed").sum()),
+        missing=int((frame["status"] == "missing").sum()),
+        auc=_mean(done, "auc"),
+        auc_sd=statistics.sd(list(done["auc"])) if len(done) else None,
+        auc_iqm=statistics.iqm(list(done["auc"])) if len(done) else None,
+        training_auc=_mean(done, "training_auc"),
+        asymptotic=_mean(done, "asymptotic"),
+        max_abs_delta=_mean(done, "final_max_abs_delta"),
+        against_base=_compare(done, without) if without is not None else None,
+    )
+
+
+def _mean(done: pd.DataFrame, column: str) -> Estimate | None:
+    if not len(done) or column not in done or done[column].isna().any():
+        return None
+    return statistics.mean(list(done[column]))
+
+
+def _compare(done: pd.DataFrame, without: pd.DataFrame) -> Comparison | None:
+    both = done.merge(without[without["status"] == "done"], on="seed", suffixes=("", "_base")).sort_values("seed")
+    if both.empty:
+        return None
+
+    def paired(column: str) -> Estimate:
+        return statistics.difference(list(both[column]), list(both[f"{column}_base"]))
+
+    a_t, a_w = list(both["auc"]), list(both["auc_base"])
+    return Comparison(
+        seeds=len(both),
+        transfer_ratio=statistics.transfer_ratio(a_t, a_w),
+        difference=paired("auc"),
+        probability_of_improvement=statistics.probability_of_improvement(a_t, a_w),
+        jumpstart=paired("initial_return"),
+        asymptotic=paired("asymptotic"),
+    )
+
+
+def mean_curve(points: pd.DataFrame, cells: pd.DataFrame, group: str, column: str = "greedy_return") -> pd.DataFrame:
+    """(episode, mean, low, high) over the done seeds of a group, with Student's t interval at each point."""
+    ids = cells.loc[(cells["group"] == group) & (cells["status"] == "done"), "cell_id"]
+    chosen = points[points["cell_id"].isin(ids)]
+    if column not in chosen or chosen.empty:
+        return pd.DataFrame({"episode": [], "mean": [], "low": [], "high": []})
+    table = chosen.groupby("episode")[column].agg(["mean", "std", "count"]).reset_index()
+    t = stats.t.ppf((1 + statistics.LEVEL) / 2, np.maximum(table["count"] - 1, 1))
+    half = np.where(table["count"] > 1, t * table["std"].fillna(0.0) / np.sqrt(table["count"]), 0.0)
+    curve = table[["episode", "mean"]].assign(low=table["mean"] - half, high=table["mean"] + half)
+    return curve.dropna(subset=["mean"])

@@ -1,0 +1,134 @@
+"""From a search space to the cells of each stage: the source tasks first, then the transfers."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from search_spaces import Grid, Range, SearchSpace
+from search_spaces.space import Scenario
+from trainables.agents import agent_named
+from trainables.cell import Cell, Source
+from trainables.errors import InputError
+from trainables.tasks import parse_task
+
+Values = dict[str, Any]
+Key = tuple[str, str, str]
+"""(task, agent, kind of source: learned, exact or none)."""
+Params = Mapping[Key, Values]
+"""Hyperparameters that are settled already, e.g. by an exported file."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """An agent on a task, with one kind of source: what is tuned together, over all seeds."""
+
+    agent: str
+    task: str
+    seeds: tuple[int, ...]
+    grid: tuple[Values, ...]
+    """Configurations to try; with ranges, what goes with every draw from them."""
+    ranges: Mapping[str, Range] = field(default_factory=dict)
+    sources: Mapping[int, Source] = field(default_factory=dict)
+    """Seed to source; empty for an agent without one."""
+
+    @property
+    def key(self) -> Key:
+        """(task, agent, kind of source)."""
+        kinds = {source.kind for source in self.sources.values()}
+        return self.task, self.agent, kinds.pop() if kinds else "none"
+
+    def cells(self, values: Values) -> list[Cell]:
+        """One cell per seed with these hyperparameters."""
+        return [Cell.create(self.agent, self.task, seed, values, self.sources.get(seed)) for seed in self.seeds]
+
+    def all_cells(self) -> list[Cell]:
+        """The cells of the whole grid; none for a pair with ranges, whose cells come up as it is searched."""
+        return [] if self.ranges else [cell for values in self.grid for cell in self.cells(values)]
+
+
+@dataclass(frozen=True)
+class SourceChoice:
+    """The outcome of stage 1 for one scenario."""
+
+    values: Values
+    """The best hyperparameters of the source's agent, those that stage 1 swept."""
+    cells: Mapping[int, Cell]
+    """Seed to the cell that trained its Q_src."""
+
+
+def source_pairs(space: SearchSpace, params: Params) -> list[Pair]:
+    """Stage 1: each scenario's source task, where a learned source is asked for or its base agent is compared."""
+    return [_source_pair(space, scenario, params) for scenario in space.scenarios if _needs_training(space, scenario)]
+
+
+def source_pair(space: SearchSpace, scenario: Scenario, params: Params) -> Pair:
+    """Stage 1 of one scenario."""
+    return _source_pair(space, scenario, params)
+
+
+def transfer_pairs(space: SearchSpace, choices: Mapping[str, SourceChoice], params: Params) -> list[Pair]:
+    """Stage 2: agents x targets x kinds of source. `choices` maps a source task's name to its outcome."""
+    pairs: dict[Key | tuple[Key, str], Pair] = {}
+    for scenario in space.scenarios:
+        choice = choices.get(scenario.source.task, SourceChoice({}, {}))
+        for target, agent in itertools.product(scenario.targets, space.agents):
+            kinds = scenario.source.kinds if agent_named(agent).needs_source else (None,)
+            for kind in kinds:
+                sources = _sources(scenario, kind, choice, space.seeds)
+                pair = _pair(space, agent, target, dict(space.agents[agent]), choice.values, params, sources)
+                pairs.setdefault((pair.key, scenario.source.task if sources else ""), pair)
+    return list(pairs.values())
+
+
+def unique(cells: Iterable[Cell]) -> list[Cell]:
+    """Each cell once, in the order of its first appearance."""
+    return list({cell.id: cell for cell in cells}.values())
+
+
+def _needs_training(space: SearchSpace, scenario: Scenario) -> bool:
+    return True if scenario.source.hyperparameters else "learned" in scenario.source.kinds
+
+
+def _source_pair(space: SearchSpace, scenario: Scenario, params: Params) -> Pair:
+    source = scenario.source
+    return _pair(space, source.agent, source.task, dict(source.hyperparameters), {}, params, {})
+
+
+def _pair(
+    space: SearchSpace,
+    agent: str,
+    task: str,
+    own: Mapping[str, Grid | Range],
+    inherited: Values,
+    params: Params,
+    sources: Mapping[int, Source],
+) -> Pair:
+    """The agent's own options over the space's over what stage 1 settled; `params` over all of them."""
+    task = parse_task(task).name
+    known = agent_named(agent).hyperparameters.model_fields
+    options = {key: option for key, option in {**space.hyperparameters, **own}.items() if key in known}
+    fixed = {key: value for key, value in inherited.items() if key in known and key not in options}
+    kind = next(iter(sources.values())).kind if sources else "none"
+    if (task, agent, kind) in params:
+        settled = params[task, agent, kind]
+        agent_named(agent).resolve(parse_task(task), settled)
+        return Pair(agent, task, space.seeds, (settled,), {}, sources)
+    grids = {key: option.values for key, option in options.items() if isinstance(option, Grid)}
+    ranges = {key: option for key, option in options.items() if isinstance(option, Range)}
+    grid = tuple(fixed | dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values()))
+    return Pair(agent, task, space.seeds, grid, ranges, sources)
+
+
+def _sources(scenario: Scenario, kind: str | None, choice: SourceChoice, seeds: Iterable[int]) -> dict[int, Source]:
+    task = parse_task(scenario.source.task).name
+    if kind is None:
+        return {}
+    if kind == "exact":
+        return {seed: Source(task=task, kind="exact") for seed in seeds}
+    missing = [seed for seed in seeds if seed not in choice.cells]
+    if missing:
+        raise InputError(f"the source {task} has no trained cell for seed {missing[0]}: its cell failed or is missing")
+    return {seed: Source(task=task, kind="learned", cell_id=choice.cells[seed].id) for seed in seeds}

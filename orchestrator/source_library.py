@@ -1,0 +1,62 @@
+"""The source library: trained source knowledge by the id of the cell that trained it."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from orchestrator.files import make_folder, write_atomic
+from trainables.cell import Cell
+from trainables.errors import InputError
+from trainables.knowledge import Knowledge
+
+_META = "meta"
+
+
+class SourceLibrary:
+    """A folder of .npz files without pickle; each is checked against its own checksum when it is read."""
+
+    def __init__(self, storage: Path) -> None:
+        self._folder = storage / "sources"
+
+    def save(self, cell: Cell, knowledge: Knowledge) -> None:
+        """Keep what `cell` has learned."""
+        make_folder(self._folder)
+        meta = {"schema": 1, "cell": cell.to_json(), "digest": knowledge.digest}
+        stream = io.BytesIO()
+        header = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+        np.savez_compressed(stream, allow_pickle=False, **{_META: header, **knowledge.arrays})
+        write_atomic(self.path(cell.id), stream.getvalue())
+
+    def has(self, cell_id: str) -> bool:
+        """Whether the cell's knowledge is there."""
+        return self.path(cell_id).exists()
+
+    def load(self, cell_id: str) -> Knowledge:
+        """The knowledge of a cell; InputError where it is missing, damaged or another's."""
+        path = self.path(cell_id)
+        if not path.exists():
+            raise InputError(f"the source library has no {path.name} (looked in {self._folder})")
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+            meta: dict[str, Any] = json.loads(arrays.pop(_META).tobytes())
+            owner = Cell.from_json(meta["cell"]).id
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(f"{path} is damaged ({error}): move it away and run the sweep again") from None
+        knowledge = Knowledge(arrays)
+        if knowledge.digest != meta.get("digest") or owner != cell_id:
+            raise InputError(f"{path} is damaged (its checksum does not agree): move it away and run the sweep again")
+        return knowledge
+
+    def path(self, cell_id: str) -> Path:
+        """The file of a cell's knowledge."""
+        if not re.fullmatch(r"[0-9a-f]{16}", cell_id):
+            raise InputError(f"a cell id is 16 hexadecimal digits (got '{cell_id}')")
+        return self._folder / f"{cell_id}.npz"

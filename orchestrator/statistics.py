@@ -1,0 +1,130 @@
+"""Statistics over seeds. Every function takes plain arrays of one number per seed, and refuses a NaN.
+
+Five seeds are few: a percentile bootstrap of a mean covers about 83 % where it says 95 %. So means and paired
+differences have Student's t intervals, the transfer ratio has Fieller's (the exact interval of a ratio of paired
+normal means), and only the interquartile mean and the probability of improvement are bootstrapped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+LEVEL = 0.95
+"""Confidence level of every interval."""
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its interval; low and high are None where there are too few seeds for one."""
+
+    value: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class TransferRatio:
+    """tr = (A_t - A_w) / |A_w|. All None, with the reason, where the interval of A_w touches 0."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+    undefined: str | None = None
+
+
+def _array(values: Sequence[float]) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    if not len(array) or not np.isfinite(array).all():
+        raise ValueError(f"statistics need finite numbers, at least one (got {list(values)})")
+    return array
+
+
+def sd(values: Sequence[float]) -> float:
+    """Standard deviation over seeds, n - 1 in the denominator; 0 for one seed."""
+    array = _array(values)
+    return float(array.std(ddof=1)) if len(array) > 1 else 0.0
+
+
+def mean(values: Sequence[float]) -> Estimate:
+    """Mean with Student's t interval."""
+    array = _array(values)
+    centre = float(array.mean())
+    if len(array) < 2:
+        return Estimate(centre, None, None)
+    half = float(stats.t.ppf((1 + LEVEL) / 2, len(array) - 1)) * sd(values) / math.sqrt(len(array))
+    return Estimate(centre, centre - half, centre + half)
+
+
+def difference(with_transfer: Sequence[float], without: Sequence[float]) -> Estimate:
+    """Mean of A_t - A_w, paired by seed, with Student's t interval."""
+    return mean(list(_array(with_transfer) - _array(without)))
+
+
+def transfer_ratio(with_transfer: Sequence[float], without: Sequence[float]) -> TransferRatio:
+    """tr on mean AUCs, paired by seed, with Fieller's interval.
+
+    Undefined where the interval of A_w touches 0, and Fieller's interval is unbounded exactly there.
+    """
+    a_t, a_w = _array(with_transfer), _array(without)
+    base = mean(list(a_w))
+    if base.low is None or base.high is None:
+        return _single(float(a_t.mean()), base.value)
+    if base.low <= 0 <= base.high:
+        return TransferRatio(None, None, None, "the interval of the AUC without transfer touches 0")
+    n, t = len(a_t), float(stats.t.ppf((1 + LEVEL) / 2, len(a_t) - 1))
+    covariance = np.cov(a_t, a_w, ddof=1) / n
+    g = t**2 * covariance[1, 1] / base.value**2
+    ratio = float(a_t.mean()) / base.value
+    slope = covariance[0, 1] / covariance[1, 1] if covariance[1, 1] > 0 else 0.0
+    spread = covariance[0, 0] - 2 * ratio * covariance[0, 1] + ratio**2 * covariance[1, 1]
+    spread -= g * (covariance[0, 0] - slope * covariance[0, 1])
+    shift = g * slope
+    half = t / abs(base.value) * math.sqrt(max(spread, 0.0))
+    ends = sorted(_to_tr(end / (1 - g), base.value) for end in (ratio - shift - half, ratio - shift + half))
+    return TransferRatio(_to_tr(ratio, base.value), *ends)
+
+
+def _to_tr(ratio: float, base: float) -> float:
+    """A_t / A_w to (A_t - A_w) / |A_w|."""
+    return math.copysign(1.0, base) * (float(ratio) - 1.0)
+
+
+def _single(a_t: float, a_w: float) -> TransferRatio:
+    if a_w == 0:
+        return TransferRatio(None, None, None, "the AUC without transfer is 0")
+    return TransferRatio((a_t - a_w) / abs(a_w), None, None)
+
+
+def iqm(values: Sequence[float]) -> Estimate:
+    """Interquartile mean with a bootstrap interval over seeds."""
+    array = _array(values)
+    resampled = array[_draws(len(array), len(array))]
+    return _bootstrapped(float(stats.trim_mean(array, 0.25)), stats.trim_mean(resampled, 0.25, axis=1), len(array))
+
+
+def probability_of_improvement(with_transfer: Sequence[float], without: Sequence[float]) -> Estimate:
+    """P(a run with transfer beats one without), ties counted half, with a bootstrap interval over seeds of each."""
+    x, y = _array(with_transfer), _array(without)
+    wins = (np.sign(x[:, None] - y[None, :]) + 1) / 2
+    draws_x, draws_y = _draws(len(x), 2 * len(x)), _draws(len(y), 2 * len(y) + 1)
+    resampled = np.array([wins[np.ix_(i, j)].mean() for i, j in zip(draws_x, draws_y, strict=True)])
+    return _bootstrapped(float(wins.mean()), resampled, min(len(x), len(y)))
+
+
+def _draws(n: int, seed: int) -> NDArray[np.int64]:
+    return np.random.default_rng(seed).integers(0, n, (RESAMPLES, n))
+
+
+def _bootstrapped(value: float, resampled: NDArray[np.float64], n: int) -> Estimate:
+    """Percentile interval: unlike BCa it also stands where all seeds are equal."""
+    if n < 2:
+        return Estimate(value, None, None)
+    low, high = np.quantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return Estimate(value, float(low), float(high))

@@ -1,0 +1,57 @@
+"""Narrowing and overriding a search space from the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from search_spaces.files import parse
+from search_spaces.space import SearchSpace
+from trainables.errors import InputError, unknown
+from trainables.tasks import families, parse_task
+
+
+def narrow(
+    space: SearchSpace,
+    *,
+    tasks: Sequence[str] = (),
+    agents: Sequence[str] = (),
+    seeds: int | None = None,
+    hyperparameters: Mapping[str, Any] | None = None,
+) -> SearchSpace:
+    """The part of `space` with these target tasks (full names, or a family's name for all of its), and agents.
+
+    seeds and hyperparameters replace the space's own. Raises InputError for what the space does not have.
+    """
+    data: dict[str, Any] = space.to_json()
+    if tasks:
+        data["scenarios"] = _with_tasks(data["scenarios"], tasks)
+    for name in agents:
+        if name not in space.agents:
+            raise unknown(f"agent of {space.name}", name, space.agents)
+    if agents:
+        data["agents"] = {name: options for name, options in data["agents"].items() if name in agents}
+    if seeds is not None:
+        data["seeds"] = seeds
+    data["hyperparameters"] |= {key: {"values": [value]} for key, value in (hyperparameters or {}).items()}
+    return parse(space.name, data)
+
+
+def _with_tasks(scenarios: list[dict[str, Any]], tasks: Sequence[str]) -> list[dict[str, Any]]:
+    wanted = {name if name in families() else parse_task(name).name for name in tasks}
+    kept = []
+    found: set[str] = set()
+    for scenario in scenarios:
+        targets = []
+        for target in scenario["targets"]:
+            task = parse_task(target)
+            matched = wanted & {task.name, task.family.name}
+            if matched:
+                found |= matched
+                targets.append(target)
+        if targets:
+            kept.append({**scenario, "targets": targets})
+    if wanted - found:
+        there = ", ".join(target for scenario in scenarios for target in scenario["targets"])
+        raise InputError(f"'{sorted(wanted - found)[0]}' is not a target task of this search space: there is {there}")
+    return kept

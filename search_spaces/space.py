@@ -1,0 +1,124 @@
+"""A search space: what to sweep, as plain data, in Python or YAML."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from search_spaces.options import Options, Range, Strict
+from trainables.agents import Agent, agent_named
+from trainables.tasks import Task, parse_task
+
+
+def _seeds(value: object) -> object:
+    """A number of seeds n means 0..n-1."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        if value < 1:
+            raise ValueError(f"must be at least 1, or a list of seeds (got {value})")
+        return tuple(range(value))
+    return _tuple(value)
+
+
+def _tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], BeforeValidator(_seeds), Field(min_length=1)]
+Names = Annotated[tuple[str, ...], BeforeValidator(_tuple), Field(min_length=1)]
+Kinds = Annotated[tuple[Literal["learned", "exact"], ...], BeforeValidator(_tuple), Field(min_length=1)]
+Hyperparameters = dict[str, Options]
+
+
+class SourceSpace(Strict):
+    """Stage 1 of a scenario: the source task, and how its knowledge is made."""
+
+    task: str
+    agent: str = "q_learning"
+    kinds: Kinds = ("learned",)
+    """learned: trained by `agent` with the best of `hyperparameters`; exact: value iteration (tabular tasks)."""
+    hyperparameters: Hyperparameters = Field(default_factory=dict)
+    """What stage 1 sweeps; the best values by mean AUC are stage 2's too."""
+
+
+class Scenario(Strict):
+    """A source task and the target tasks that its knowledge goes to."""
+
+    source: SourceSpace
+    targets: Names
+
+
+class Search(Strict):
+    """How ranges are searched: `budget` configurations for each (task, agent, source)."""
+
+    method: Literal["grid", "random", "optuna"] = "grid"
+    budget: Annotated[int, Field(ge=1)] = 20
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class SearchSpace(Strict):
+    """Everything that a sweep needs to know."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    family: Annotated[str, Field(pattern=r"^[A-Za-z0-9_. -]{0,64}$")] = ""
+    """The MLflow experiment; the name where it is left out."""
+    description: str = ""
+    seeds: Seeds
+    scenarios: Annotated[tuple[Scenario, ...], BeforeValidator(_tuple), Field(min_length=1)]
+    agents: Annotated[dict[str, Hyperparameters], Field(min_length=1)]
+    """Stage 2: each agent with the hyperparameters that it sweeps."""
+    hyperparameters: Hyperparameters = Field(default_factory=dict)
+    """Set for every agent of both stages that has them, e.g. {episodes: 500}."""
+    search: Search = Search()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SearchSpace:
+        _once("seeds", [str(seed) for seed in self.seeds])
+        for scenario in self.scenarios:
+            source, targets = parse_task(scenario.source.task), [parse_task(name) for name in scenario.targets]
+            _once("targets", [target.name for target in targets])
+            for target in targets:
+                _check_shapes(source, target)
+            base = agent_named(scenario.source.agent)
+            if base.needs_source:
+                raise ValueError(f"source.agent must learn without a source (got {base.name})")
+            self._check_agent(base, scenario.source.hyperparameters, [source])
+            for name, options in self.agents.items():
+                self._check_agent(agent_named(name), options, targets)
+        return self
+
+    def _check_agent(self, agent: Agent, own: Hyperparameters, tasks: list[Task]) -> None:
+        """Every value that may be tried must be one that the agent takes on each task."""
+        known = agent.hyperparameters.model_fields
+        shared = {key: option for key, option in self.hyperparameters.items() if key in known}
+        for key, option in {**shared, **own}.items():
+            if isinstance(option, Range) and self.search.method == "grid":
+                raise ValueError(f"{agent.name}.{key} is a range: add search: {{method: random}} or {{method: optuna}}")
+            for value in option.ends() if isinstance(option, Range) else option.values:
+                for task in tasks:
+                    agent.resolve(task, {key: value})
+        for key in self.hyperparameters:
+            if not any(key in agent_named(name).hyperparameters.model_fields for name in self.agents):
+                raise ValueError(f"hyperparameters.{key} is known to none of the agents ({', '.join(self.agents)})")
+
+    def to_json(self) -> dict[str, object]:
+        """The space as plain data; `SearchSpace.model_validate(space.to_json()) == space`."""
+        return self.model_dump(mode="json", by_alias=True)
+
+
+def _once(what: str, names: list[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"{what}: {twice[0]} is given twice")
+
+
+def _check_shapes(source: Task, target: Task) -> None:
+    """Source knowledge is only of use on the same states and actions."""
+    if source.tabular != target.tabular:
+        raise ValueError(f"targets: {target.name} and the source {source.name} do not share states and actions")
+    if source.tabular:
+        shapes = [(d.states, d.actions) for d in (source.dynamics(), target.dynamics())]
+        if shapes[0] != shapes[1]:
+            states = f"(states, actions) {shapes[1]}, the source {source.name} {shapes[0]}"
+            raise ValueError(f"targets: {target.name} has {states}")
