@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +19,11 @@ Key = tuple[str, str, str]
 """(task, agent, kind of source: learned, exact or none)."""
 Params = Mapping[Key, Values]
 """Hyperparameters that are settled already, e.g. by an exported file."""
+
+
+def key_of(cell: Cell) -> Key:
+    """(task, agent, kind of source) of a cell."""
+    return cell.task, cell.agent, cell.source.kind if cell.source else "none"
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,10 @@ class Pair:
         kinds = {source.kind for source in self.sources.values()}
         return self.task, self.agent, kinds.pop() if kinds else "none"
 
+    def owns(self, cell: Cell) -> bool:
+        """Whether the cell is one of this pair: its task, agent, seeds and sources."""
+        return key_of(cell) == self.key and cell.seed in self.seeds and cell.source == self.sources.get(cell.seed)
+
     def cells(self, values: Values) -> list[Cell]:
         """One cell per seed with these hyperparameters."""
         return [Cell.create(self.agent, self.task, seed, values, self.sources.get(seed)) for seed in self.seeds]
@@ -59,21 +68,15 @@ class SourceChoice:
     """Seed to the cell that trained its Q_src."""
 
 
-def source_pairs(space: SearchSpace, params: Params) -> list[Pair]:
-    """Stage 1: each scenario's source task, where a learned source is asked for or its base agent is compared."""
-    return [_source_pair(space, scenario, params) for scenario in space.scenarios if _needs_training(space, scenario)]
+def source_pairs(space: SearchSpace, params: Params) -> list[Pair | None]:
+    """Stage 1 of each scenario: the source's agent on the source task; None where nothing is learned or chosen."""
+    return [_source_pair(space, scenario, params) for scenario in space.scenarios]
 
 
-def source_pair(space: SearchSpace, scenario: Scenario, params: Params) -> Pair:
-    """Stage 1 of one scenario."""
-    return _source_pair(space, scenario, params)
-
-
-def transfer_pairs(space: SearchSpace, choices: Mapping[str, SourceChoice], params: Params) -> list[Pair]:
-    """Stage 2: agents x targets x kinds of source. `choices` maps a source task's name to its outcome."""
-    pairs: dict[Key | tuple[Key, str], Pair] = {}
-    for scenario in space.scenarios:
-        choice = choices.get(scenario.source.task, SourceChoice({}, {}))
+def transfer_pairs(space: SearchSpace, choices: Sequence[SourceChoice], params: Params) -> list[Pair]:
+    """Stage 2: agents x targets x kinds of source, given each scenario's outcome of stage 1."""
+    pairs: dict[tuple[Key, str], Pair] = {}
+    for scenario, choice in zip(space.scenarios, choices, strict=True):
         for target, agent in itertools.product(scenario.targets, space.agents):
             kinds = scenario.source.kinds if agent_named(agent).needs_source else (None,)
             for kind in kinds:
@@ -88,12 +91,10 @@ def unique(cells: Iterable[Cell]) -> list[Cell]:
     return list({cell.id: cell for cell in cells}.values())
 
 
-def _needs_training(space: SearchSpace, scenario: Scenario) -> bool:
-    return True if scenario.source.hyperparameters else "learned" in scenario.source.kinds
-
-
-def _source_pair(space: SearchSpace, scenario: Scenario, params: Params) -> Pair:
+def _source_pair(space: SearchSpace, scenario: Scenario, params: Params) -> Pair | None:
     source = scenario.source
+    if not source.hyperparameters and "learned" not in source.kinds:
+        return None
     return _pair(space, source.agent, source.task, dict(source.hyperparameters), {}, params, {})
 
 

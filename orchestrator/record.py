@@ -34,6 +34,11 @@ class Record(BaseModel):
     versions: dict[str, str]
     commit: str
 
+    @property
+    def returns(self) -> list[float]:
+        """The greedy returns of the evaluation curve."""
+        return [float(value) for value in self.points["greedy_return"] if value is not None]
+
     def to_bytes(self) -> bytes:
         """The file's contents."""
         data = {"schema": SCHEMA, **self.model_dump(exclude={"cell"}), "cell": self.cell.to_json()}

@@ -126,6 +126,13 @@ class Results:
                     seen.add(cell.id)
                     yield stage, cell, self.record(cell.id)
 
+    def every_record(self) -> Iterator[Record]:
+        """Every record in the folder, whether the plan still asks for its cell or not."""
+        for path in sorted(self._cells.glob("*.json")):
+            record = self.record(path.stem)
+            if record is not None:
+                yield record
+
     def write_tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Draw the two tables up from the records, write them as Parquet, and return (cells, points)."""
         rows, curves = [], []

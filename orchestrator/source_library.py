@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import io
-import json
 import re
-import zipfile
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from orchestrator.files import make_folder, write_atomic
 from trainables.cell import Cell
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
-
-_META = "meta"
 
 
 class SourceLibrary:
@@ -28,11 +20,7 @@ class SourceLibrary:
     def save(self, cell: Cell, knowledge: Knowledge) -> None:
         """Keep what `cell` has learned."""
         make_folder(self._folder)
-        meta = {"schema": 1, "cell": cell.to_json(), "digest": knowledge.digest}
-        stream = io.BytesIO()
-        header = np.frombuffer(json.dumps(meta).encode(), np.uint8)
-        np.savez_compressed(stream, allow_pickle=False, **{_META: header, **knowledge.arrays})
-        write_atomic(self.path(cell.id), stream.getvalue())
+        write_atomic(self.path(cell.id), knowledge.to_bytes({"cell": cell.to_json()}))
 
     def has(self, cell_id: str) -> bool:
         """Whether the cell's knowledge is there."""
@@ -44,15 +32,14 @@ class SourceLibrary:
         if not path.exists():
             raise InputError(f"the source library has no {path.name} (looked in {self._folder})")
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            meta: dict[str, Any] = json.loads(arrays.pop(_META).tobytes())
-            owner = Cell.from_json(meta["cell"]).id
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            knowledge, meta = Knowledge.from_bytes(path.read_bytes())
+            owner = Cell.from_json(meta.get("cell")).id
+        except InputError as error:
             raise InputError(f"{path} is damaged ({error}): move it away and run the sweep again") from None
-        knowledge = Knowledge(arrays)
-        if knowledge.digest != meta.get("digest") or owner != cell_id:
-            raise InputError(f"{path} is damaged (its checksum does not agree): move it away and run the sweep again")
+        if owner != cell_id:
+            raise InputError(
+                f"{path} holds the knowledge of another cell, {owner}: move it away and run the sweep again"
+            )
         return knowledge
 
     def path(self, cell_id: str) -> Path:

@@ -68,7 +68,7 @@ def difference(with_transfer: Sequence[float], without: Sequence[float]) -> Esti
 
 
 def transfer_ratio(with_transfer: Sequence[float], without: Sequence[float]) -> TransferRatio:
-    """tr on mean AUCs, paired by seed, with Fieller's interval.
+    """Transfer ratio on mean AUCs, paired by seed, with Fieller's interval.
 
     Undefined where the interval of A_w touches 0, and Fieller's interval is unbounded exactly there.
     """
@@ -87,8 +87,8 @@ def transfer_ratio(with_transfer: Sequence[float], without: Sequence[float]) -> 
     spread -= g * (covariance[0, 0] - slope * covariance[0, 1])
     shift = g * slope
     half = t / abs(base.value) * math.sqrt(max(spread, 0.0))
-    ends = sorted(_to_tr(end / (1 - g), base.value) for end in (ratio - shift - half, ratio - shift + half))
-    return TransferRatio(_to_tr(ratio, base.value), *ends)
+    low, high = sorted(_to_tr(end / (1 - g), base.value) for end in (ratio - shift - half, ratio - shift + half))
+    return TransferRatio(_to_tr(ratio, base.value), low, high)
 
 
 def _to_tr(ratio: float, base: float) -> float:

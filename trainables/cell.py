@@ -87,6 +87,13 @@ class Cell(BaseModel):
         return content_id(self.to_json())
 
     @property
+    def source_key(self) -> str:
+        """The name of the source's knowledge among those of a stage; empty for a cell without one."""
+        if self.source is None:
+            return ""
+        return self.source.cell_id or f"exact:{self.source.task}:{self.hyperparameters['gamma']!r}"
+
+    @property
     def settings(self) -> Hyperparameters:
         """The hyperparameters as the agent's own type."""
         return agent_named(self.agent).resolve(parse_task(self.task), dict(self.hyperparameters))

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import io
+import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trainables.errors import InputError
+
+META = "meta"
+"""Name of the array that holds a file's JSON header."""
 
 
 @dataclass(frozen=True)
@@ -39,3 +45,25 @@ class Knowledge:
         if not np.isfinite(q).all():
             raise InputError("the source's Q table holds a NaN or an infinity")
         return q
+
+    def to_bytes(self, meta: Mapping[str, Any] | None = None) -> bytes:
+        """An .npz file without pickled objects, with `meta` and the digest in its header."""
+        header = json.dumps({"schema": 1, "digest": self.digest, **(meta or {})}).encode()
+        stream = io.BytesIO()
+        arrays: dict[str, Any] = {META: np.frombuffer(header, np.uint8), **self.arrays}
+        np.savez_compressed(stream, allow_pickle=False, **arrays)
+        return stream.getvalue()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> tuple[Knowledge, dict[str, Any]]:
+        """(knowledge, header) that `to_bytes` wrote; InputError for anything else, and where a bit has changed."""
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+            meta = json.loads(arrays.pop(META).tobytes())
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+            raise InputError(f"not a file of source knowledge ({error})") from None
+        knowledge = cls(arrays)
+        if not isinstance(meta, dict) or meta.get("schema") != 1 or meta.get("digest") != knowledge.digest:
+            raise InputError("its arrays do not agree with its checksum")
+        return knowledge, meta
