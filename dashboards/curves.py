@@ -1,0 +1,56 @@
+"""Evaluation curves with 95 % bands, one row per target task, learned and exact source side by side (Figure 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+
+from dashboards.style import COLOURS, LINES, new_figure, save
+from orchestrator.aggregates import Group, groups, mean_curve
+from orchestrator.describe import settings_text, varied
+from orchestrator.results import Results
+from orchestrator.selection import select
+
+SOURCES = {"learned": "learned source", "exact": "exact source"}
+
+
+def draw(results: Results) -> list[Path]:
+    """Draw the best configuration of each agent on each target; no file where no target is complete."""
+    cells, points = results.tables()
+    if cells.empty:
+        return []
+    best = [selected.best for selected in select(groups(cells), cells).values()]
+    targets = [target for scenario in results.space().scenarios for target in scenario.targets]
+    rows = [target for target in dict.fromkeys(targets) if any(group.task == target for group in best)]
+    columns = [source for source in SOURCES if any(group.source == source for group in best)] or ["none"]
+    if not rows:
+        return []
+    figure = new_figure(4.6 * len(columns) + 0.6, 2.9 * len(rows) + 0.5)
+    axes = figure.subplots(len(rows), len(columns), squeeze=False, sharex="row", sharey="row")
+    for i, target in enumerate(rows):
+        for j, source in enumerate(columns):
+            shown = [group for group in best if group.task == target and group.source in (source, "none")]
+            _panel(axes[i, j], shown, cells, points)
+            axes[i, j].set_title(f"{target}\n{SOURCES.get(source, '')}".strip(), fontsize=9)
+            if i == len(rows) - 1:
+                axes[i, j].set_xlabel("training episode")
+        axes[i, 0].set_ylabel("greedy return")
+    seeds = sorted({len(group.seeds) for group in best})
+    text = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
+    figure.suptitle(f"{results.name}: greedy evaluation, mean and 95 % interval over {text} seeds", fontsize=10)
+    return save(figure, results.folder / "figures", "curves")
+
+
+def _panel(axes: Axes, shown: Sequence[Group], cells: pd.DataFrame, points: pd.DataFrame) -> None:
+    for group in sorted(shown, key=lambda group: list(COLOURS).index(group.agent) if group.agent in COLOURS else 99):
+        curve = mean_curve(points, cells, group.id)
+        own = settings_text(varied(group.agent, group.task, group.hyperparameters))
+        label = group.agent if own == "-" else f"{group.agent} ({own})"
+        colour: Any = COLOURS.get(group.agent)
+        axes.plot(curve["episode"], curve["mean"], LINES.get(group.agent, "-"), color=colour, label=label, lw=1.3)
+        axes.fill_between(curve["episode"], curve["low"], curve["high"], color=colour, alpha=0.18, lw=0)
+    axes.legend(fontsize=7, loc="lower right")

@@ -1,0 +1,104 @@
+"""Results in words: the names of runs, and the table that a person reads."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from orchestrator.aggregates import Group
+from orchestrator.results import Results
+from orchestrator.statistics import LEVEL, Estimate, TransferRatio
+from trainables.agents import agent_named
+from trainables.cell import Cell
+from trainables.tasks import parse_task
+
+COLUMNS = (
+    "task",
+    "agent",
+    "source",
+    "hyperparameters",
+    "seeds",
+    "AUC mean (sd)",
+    f"transfer ratio [{LEVEL:.0%}]",
+    f"difference [{LEVEL:.0%}]",
+)
+
+
+def varied(agent: str, task: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The hyperparameters that are not at the agent's default for the task, and those that define the agent."""
+    named = agent_named(agent)
+    default = named.resolve(parse_task(task), {}).model_dump()
+    own = set(named.hyperparameters.model_fields) & {"threshold", "nu"}
+    return {name: value for name, value in values.items() if value != default.get(name) or name in own}
+
+
+def settings_text(values: Mapping[str, Any]) -> str:
+    """Hyperparameters as 'name=value, ...'; a dash for none."""
+    return (
+        ", ".join(
+            f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in values.items()
+        )
+        or "-"
+    )
+
+
+def cell_name(cell: Cell) -> str:
+    """A cell's name for people; MLflow refuses brackets and equal signs in names."""
+    parts = [cell.agent, _short(cell.task), cell.source.kind if cell.source else "", f"seed {cell.seed}"]
+    return " / ".join(part for part in parts if part)
+
+
+def group_name(group: Group) -> str:
+    """A group's name for people."""
+    text = settings_text(varied(group.agent, group.task, group.hyperparameters)).replace("=", " ")
+    parts = [group.agent, _short(group.task), group.source if group.source != "none" else "", text]
+    return " / ".join(part for part in parts if part and part != "-")
+
+
+def _short(task: str) -> str:
+    return task.replace("=", " ").replace("[", "(").replace("]", ")").replace(":", " ")
+
+
+def row(group: Group) -> tuple[str, ...]:
+    """A group's line of the table, under COLUMNS."""
+    against = group.against_base
+    seeds = f"{len(group.seeds)}" + (f", {group.failed} failed" if group.failed else "")
+    seeds += f", {group.missing} missing" if group.missing else ""
+    mean = "-" if group.auc is None else f"{group.auc.value:.2f} ({group.auc_sd:.2f})"
+    return (
+        group.task,
+        group.agent,
+        group.source,
+        settings_text(varied(group.agent, group.task, group.hyperparameters)),
+        seeds,
+        mean,
+        ratio_text(against.transfer_ratio) if against else "-",
+        estimate_text(against.difference) if against else "-",
+    )
+
+
+def estimate_text(estimate: Estimate) -> str:
+    """'+3.2 [1.0, 5.4]'."""
+    ends = "" if estimate.low is None else f" [{estimate.low:+.1f}, {estimate.high:+.1f}]"
+    return f"{estimate.value:+.1f}{ends}"
+
+
+def ratio_text(ratio: TransferRatio) -> str:
+    """'+12% [3, 21]', or 'undefined'."""
+    if ratio.value is None:
+        return "undefined"
+    ends = "" if ratio.low is None or ratio.high is None else f" [{ratio.low * 100:+.0f}, {ratio.high * 100:+.0f}]"
+    return f"{ratio.value * 100:+.0f}%{ends}"
+
+
+def markdown(results: Results, groups: Sequence[Group]) -> str:
+    """The description of a sweep's parent run: what was asked, the table, how to get it again."""
+    space = results.space()
+    lines = [f"# {results.name}", "", space.description or space.name, ""]
+    lines += [f"|{'|'.join(COLUMNS)}|", "|" + "---|" * len(COLUMNS)]
+    lines += ["|" + "|".join(cell.replace("|", "/") for cell in row(group)) + "|" for group in groups]
+    lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
+    lines += ["Leaderboard: filter the runs by `tags.kind = 'aggregate'` and sort by `auc`.", ""]
+    lines += ["```json", json.dumps(space.to_json(), indent=1), "```"]
+    return "\n".join(lines)

@@ -1,0 +1,308 @@
+"""MLflow, the browsing copy of a sweep: one writer, drawn from the results alone, rebuilt at any time.
+
+    experiment          the family of sweeps
+      run, kind=sweep       the sweep: description, table, figures and best.yaml as artifacts
+        run, kind=aggregate   one per (task, agent, source, hyperparameters): mean, sd and interval over seeds
+        run, kind=cell        one per cell: parameters, curves, and what it was made with
+
+A run is found again by its tags (`sweep_id` with `cell_id` or `group`), and its `digest` tag says what it holds; so
+writing twice changes nothing, and a run that was cut off is written again with the same time stamps, which MLflow
+stores once.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import queue
+import sqlite3
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlparse
+
+import pandas as pd
+from mlflow.entities import Metric, Param, Run, RunTag
+from mlflow.tracking import MlflowClient
+
+from orchestrator.aggregates import Group, groups, mean_curve
+from orchestrator.describe import cell_name, group_name, markdown
+from orchestrator.record import Record
+from orchestrator.results import Results, cell_row
+from orchestrator.statistics import Estimate
+from trainables.cell import Cell, content_id
+from trainables.errors import InputError
+
+CURVE_POINTS = 51
+"""Points of a curve that MLflow gets, evenly spaced, first and last included; the results table has them all."""
+
+SCHEMES = ("sqlite", "postgresql", "mysql", "mssql", "http", "https", "databricks")
+BATCH = 1000
+"""Most metrics of one call."""
+
+
+def tracking_uri(storage: Path, given: str | None) -> str:
+    """`given`, else MLFLOW_TRACKING_URI, else a database in the storage folder. InputError for an unknown scheme."""
+    uri = given or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{storage / 'mlflow.db'}"
+    scheme = urlparse(uri).scheme.split("+")[0]
+    if scheme not in SCHEMES:
+        raise InputError(f"a tracking URI must start with {', '.join(f'{s}:' for s in SCHEMES)} (got '{uri}')")
+    return uri
+
+
+class Mirror:
+    """A sweep's copy in one MLflow store."""
+
+    def __init__(self, results: Results, uri: str) -> None:
+        self._results = results
+        meta = results.meta()
+        self._sweep_id = content_id([results.name, meta["created"]])
+        self._meta = meta
+        self._client = MlflowClient(uri)
+        self._experiment = self._find_experiment(uri)
+        self._known = {self._key(run.data.tags): run for run in self._runs()}
+        self.parent = self._find_parent()
+
+    def write_cell(self, stage: str, record: Record) -> None:
+        """The run of one ended cell, unless it is there already."""
+        row = cell_row(stage, record.cell, record)
+        names = ("auc", "training_auc", "initial_return", "final_return", "asymptotic", "seconds", "steps")
+        finals = {name: row[name] for name in names if row.get(name) is not None}
+        tags = _cell_tags(stage, record)
+        episodes = record.points.get("episode", [])
+        curves = {
+            n: v for n, v in record.points.items() if n not in ("episode", "step", "seconds", "discounted_return")
+        }
+        self._write(
+            ("cell", record.cell.id),
+            cell_name(record.cell),
+            tags | {"digest": content_id([record.digest, record.status])},
+            record.cell.hyperparameters,
+            finals,
+            {name: list(zip(episodes, values, strict=True)) for name, values in curves.items()},
+            record.finished,
+            record.seconds,
+            "FINISHED" if record.status == "done" else "FAILED",
+        )
+
+    def write_group(self, group: Group, curve: pd.DataFrame) -> None:
+        """The aggregate run of one group; a run that holds older figures is replaced."""
+        metrics, tags = _group_figures(group)
+        content = content_id([metrics, tags, curve.to_csv()])
+        curves = {
+            f"greedy_return_{n}": list(zip(curve["episode"], curve[n], strict=True)) for n in ("mean", "low", "high")
+        }
+        self._write(
+            ("aggregate", group.id),
+            group_name(group),
+            tags | {"digest": content},
+            group.hyperparameters,
+            metrics,
+            curves,
+            self._meta["created"],
+            0.0,
+            "FINISHED",
+        )
+
+    def finish(
+        self, every: Sequence[Group], cells: pd.DataFrame, points: pd.DataFrame, artifacts: Iterable[Path]
+    ) -> None:
+        """The aggregates, and the parent's description, figures and files."""
+        for group in every:
+            self.write_group(group, mean_curve(points, cells, group.id))
+        self._client.set_tag(self.parent, "mlflow.note.content", markdown(self._results, every))
+        for path in artifacts:
+            folder = path.parent.relative_to(self._results.folder)
+            self._client.log_artifact(self.parent, str(path), None if folder == Path(".") else str(folder))
+        planned = {("cell", cell_id) for cell_id in cells["cell_id"]} | {("aggregate", group.id) for group in every}
+        for key in set(self._known) - planned - {("sweep", "")}:
+            self._client.delete_run(self._known.pop(key).info.run_id)
+        self._client.set_terminated(self.parent)
+
+    def _write(
+        self,
+        key: tuple[str, str],
+        name: str,
+        tags: Mapping[str, str],
+        params: Mapping[str, Any],
+        metrics: Mapping[str, float],
+        curves: Mapping[str, Sequence[tuple[Any, Any]]],
+        finished: float,
+        seconds: float,
+        status: str,
+    ) -> None:
+        """Find or make the run of `key`, and fill it: the digest tag goes in last, so that it vouches for the rest."""
+        tags = dict(tags)
+        digest = tags.pop("digest")
+        run = self._known.get(key)
+        if run is not None and run.data.tags.get("digest") == digest:
+            return
+        if run is not None and "digest" in run.data.tags:
+            self._client.delete_run(run.info.run_id)
+            run = None
+        if run is None:
+            own = {"kind": key[0], "sweep": self._results.name, "sweep_id": self._sweep_id}
+            own |= {"cell_id" if key[0] == "cell" else "group": key[1], "mlflow.parentRunId": self.parent}
+            begun = int((finished - seconds) * 1000)
+            run = self._client.create_run(self._experiment, begun, {**tags, **own}, name)
+        run_id, stamp = run.info.run_id, int(finished * 1000)
+        points = [Metric(metric, value, stamp, 0) for metric, value in metrics.items() if math.isfinite(value)]
+        points += [
+            Metric(metric, float(value), stamp, int(step))
+            for metric, values in curves.items()
+            for step, value in thinned([(s, v) for s, v in values if v is not None and math.isfinite(v)])
+        ]
+        texts = [Param(name, str(value)) for name, value in params.items()]
+        for start in range(0, max(len(points), 1), BATCH):
+            self._client.log_batch(run_id, points[start : start + BATCH], texts if start == 0 else ())
+        self._client.log_batch(run_id, tags=[RunTag("digest", digest)])
+        self._client.set_terminated(run_id, status, stamp)
+        self._known[key] = self._client.get_run(run_id)
+
+    def _find_experiment(self, uri: str) -> str:
+        space = self._meta["space"]
+        family = f"deltatune/{space['family'] or space['name']}"
+        found = self._client.get_experiment_by_name(family)
+        if found is not None:
+            return str(found.experiment_id)
+        location = None
+        if uri.startswith("sqlite:"):
+            _write_ahead(uri)
+            location = (self._results.storage / "mlartifacts" / content_id(family)).as_uri()
+        return str(self._client.create_experiment(family, location))
+
+    def _runs(self) -> Iterable[Run]:
+        token: str | None = None
+        while True:
+            page = self._client.search_runs(
+                [self._experiment], f"tags.sweep_id = '{self._sweep_id}'", max_results=1000, page_token=token
+            )
+            yield from page
+            token = page.token
+            if not token:
+                return
+
+    def _key(self, tags: Mapping[str, str]) -> tuple[str, str]:
+        kind = tags.get("kind", "")
+        return kind, tags.get("cell_id" if kind == "cell" else "group", "")
+
+    def _find_parent(self) -> str:
+        known = self._known.get(("sweep", ""))
+        if known is not None:
+            self._client.update_run(known.info.run_id, status="RUNNING")
+            return str(known.info.run_id)
+        tags = {"kind": "sweep", "sweep": self._results.name, "sweep_id": self._sweep_id}
+        tags |= {"space": self._meta["space"]["name"], "commit": self._meta["commit"]}
+        tags |= {f"version.{name}": version for name, version in self._meta["versions"].items()}
+        run = self._client.create_run(self._experiment, int(self._meta["created"] * 1000), tags, self._results.name)
+        return str(run.info.run_id)
+
+
+class Tracker:
+    """Writes to a Mirror from one background thread, so that a sweep never waits for MLflow, nor falls with it."""
+
+    def __init__(self, results: Results, uri: str) -> None:
+        self._results, self._uri = results, uri
+        self._queue: queue.Queue[tuple[str, Record] | None] = queue.Queue(maxsize=1000)
+        self._thread: threading.Thread | None = None
+        self._mirror: Mirror | None = None
+        self.error: Exception | None = None
+        """Why writing was given up; `sync` makes good for it."""
+
+    def record(self, stage: str, record: Record) -> None:
+        """Queue the record of an ended cell."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._work, name="mlflow", daemon=True)
+            self._thread.start()
+        if self.error is None:
+            self._queue.put((stage, record))
+
+    def finish(self, artifacts: Iterable[Path]) -> str | None:
+        """Wait for the queue, then write all that is missing; the parent run's id, None where MLflow has failed."""
+        if self._thread is not None:
+            self._queue.put(None)
+            self._thread.join()
+        if self.error is None:
+            try:
+                return sync(self._results, self._uri, artifacts, self._mirror)
+            except Exception as error:
+                self.error = error
+        return None
+
+    def _work(self) -> None:
+        try:
+            self._mirror = Mirror(self._results, self._uri)
+            while (item := self._queue.get()) is not None:
+                self._mirror.write_cell(*item)
+        except Exception as error:
+            self.error = error
+            while self._queue.get() is not None:
+                pass
+
+
+def sync(results: Results, uri: str, artifacts: Iterable[Path], mirror: Mirror | None = None) -> str:
+    """Bring MLflow up to the results table: write what is missing, replace what has changed; the parent run's id."""
+    mirror = mirror or Mirror(results, uri)
+    for stage, _, record in results.records():
+        if record is not None:
+            mirror.write_cell(stage, record)
+    cells, points = results.tables()
+    mirror.finish(groups(cells), cells, points, artifacts)
+    return mirror.parent
+
+
+def thinned(curve: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """At most CURVE_POINTS of a curve's points, evenly spaced, first and last included."""
+    if len(curve) <= CURVE_POINTS:
+        return list(curve)
+    last = len(curve) - 1
+    return [curve[round(i * last / (CURVE_POINTS - 1))] for i in range(CURVE_POINTS)]
+
+
+def _cell_tags(stage: str, record: Record) -> dict[str, str]:
+    cell: Cell = record.cell
+    tags = {"agent": cell.agent, "task": cell.task, "seed": str(cell.seed), "stage": stage, "status": record.status}
+    tags |= {"source": cell.source.kind if cell.source else "none", "of_group": cell.group, "commit": record.commit}
+    if cell.source is not None:
+        tags |= {"source_task": cell.source.task, "source_cell": cell.source.cell_id or "exact"}
+    if record.error:
+        tags["error"] = record.error[:5000]
+    return tags | {f"version.{name}": version for name, version in record.versions.items()}
+
+
+def _group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
+    """(metrics, tags) of an aggregate; what is undefined is said in a tag, never logged as a number."""
+    metrics: dict[str, float] = {"seeds": len(group.seeds), "failed": group.failed, "missing": group.missing}
+    tags = {"agent": group.agent, "task": group.task, "source": group.source, "stage": group.stage}
+    tags |= {"source_task": group.source_task} if group.source_task else {}
+    estimates: dict[str, Estimate | Any | None] = {
+        "auc": group.auc,
+        "auc_iqm": group.auc_iqm,
+        "training_auc": group.training_auc,
+        "asymptotic": group.asymptotic,
+        "max_abs_delta": group.max_abs_delta,
+    }
+    if group.auc_sd is not None:
+        metrics["auc_sd"] = group.auc_sd
+    if group.against_base is not None:
+        against = group.against_base
+        estimates |= {
+            "transfer_ratio": against.transfer_ratio,
+            "difference": against.difference,
+            "probability_of_improvement": against.probability_of_improvement,
+            "jumpstart": against.jumpstart,
+            "asymptotic_difference": against.asymptotic,
+        }
+        if against.transfer_ratio.undefined:
+            tags["transfer_ratio"] = f"undefined: {against.transfer_ratio.undefined}"
+    for name, estimate in estimates.items():
+        ends = () if estimate is None else (("", estimate.value), ("_low", estimate.low), ("_high", estimate.high))
+        metrics |= {name + suffix: value for suffix, value in ends if value is not None}
+    return metrics, tags
+
+
+def _write_ahead(uri: str) -> None:
+    """Write-ahead logging for a sqlite store: twice the rate of small writes, and readers never block the writer."""
+    with sqlite3.connect(uri.removeprefix("sqlite:///")) as database:
+        database.execute("PRAGMA journal_mode=WAL")
