@@ -29,15 +29,14 @@ def draw(results: Results) -> list[Path]:
     columns = [source for source in SOURCES if any(group.source == source for group in best)] or ["none"]
     if not rows:
         return []
-    figure = new_figure(4.6 * len(columns) + 0.6, 2.9 * len(rows) + 0.5)
-    axes = figure.subplots(len(rows), len(columns), squeeze=False, sharex="row", sharey="row")
+    figure = new_figure(4.6 * len(columns) + 0.6, 3.2 * len(rows) + 0.5)
+    axes = figure.subplots(len(rows), len(columns), squeeze=False, sharey="row")
     for i, target in enumerate(rows):
         for j, source in enumerate(columns):
             shown = [group for group in best if group.task == target and group.source in (source, "none")]
             _panel(axes[i, j], shown, cells, points)
             axes[i, j].set_title(f"{target}\n{SOURCES.get(source, '')}".strip(), fontsize=9)
-            if i == len(rows) - 1:
-                axes[i, j].set_xlabel("training episode")
+            axes[i, j].set_xlabel("training episode", labelpad=1)
         axes[i, 0].set_ylabel("greedy return")
     seeds = sorted({len(group.seeds) for group in best})
     text = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
@@ -46,11 +45,17 @@ def draw(results: Results) -> list[Path]:
 
 
 def _panel(axes: Axes, shown: Sequence[Group], cells: pd.DataFrame, points: pd.DataFrame) -> None:
+    spans: list[float] = []
     for group in sorted(shown, key=lambda group: list(COLOURS).index(group.agent) if group.agent in COLOURS else 99):
         curve = mean_curve(points, cells, group.id)
         own = settings_text(varied(group.agent, group.task, group.hyperparameters))
         label = group.agent if own == "-" else f"{group.agent} ({own})"
         colour: Any = COLOURS.get(group.agent)
-        axes.plot(curve["episode"], curve["mean"], LINES.get(group.agent, "-"), color=colour, label=label, lw=1.3)
+        line: Any = LINES.get(group.agent, "-")
+        axes.plot(curve["episode"], curve["mean"], ls=line, color=colour, label=label, lw=1.3)
         axes.fill_between(curve["episode"], curve["low"], curve["high"], color=colour, alpha=0.18, lw=0)
-    axes.legend(fontsize=7, loc="lower right")
+        spans += [curve["mean"].min(), curve["mean"].max()]
+    if spans:
+        margin = 0.06 * (max(spans) - min(spans) or 1.0)
+        axes.set_ylim(min(spans) - margin, max(spans) + margin)
+    axes.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.16))

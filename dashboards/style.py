@@ -18,7 +18,13 @@ COLOURS = {
 }
 """Each agent's colour, the same everywhere."""
 
-LINES = {"q_learning": "--", "policy_reuse": ":", "ppr": "-.", "q_warm_start": (0, (5, 1, 1, 1, 1, 1))}
+LINES = {
+    "q_learning": "--",
+    "policy_reuse": ":",
+    "ppr": "-.",
+    "confidence_gate": (0, (6, 2)),
+    "q_warm_start": (0, (5, 1, 1, 1, 1, 1)),
+}
 """Each agent's line style, so that a print without colour can be read; the others are solid."""
 
 SETTINGS: dict[Any, Any] = {

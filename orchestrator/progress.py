@@ -48,7 +48,7 @@ class Display:
         if self._console.is_terminal:
             self._progress.stop()
         else:
-            self._console.print(self._line())
+            self._console.print(self._line(), soft_wrap=True)
 
     def ended(self, record: Record) -> None:
         """Count an ended cell."""
@@ -82,7 +82,7 @@ class Display:
         )
         if not self._console.is_terminal and time.monotonic() - self._logged > LOG_EVERY:
             self._logged = time.monotonic()
-            self._console.print(self._line())
+            self._console.print(self._line(), soft_wrap=True)
 
     def _left(self) -> str:
         ended = self._done + self._failed

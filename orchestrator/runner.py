@@ -38,8 +38,12 @@ RETRIES = 2
 def connected(workers: int | None, address: str | None) -> Iterator[int]:
     """Ray, started here with `workers` CPUs (default: this process's), or joined at `address`; yields the CPUs.
 
+    A Ray that this process has started already is used as it is, and left running.
     Raises InputError where no cluster answers at `address`.
     """
+    if ray.is_initialized():
+        yield min(workers or int(_cpus()), int(_cpus()))
+        return
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     if address is None:
         ray.init(address="local", num_cpus=workers or _own_cpus(), include_dashboard=False, **quiet)

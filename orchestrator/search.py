@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import optuna
 from ray import tune
 from ray.tune.search import Searcher
 from ray.tune.search.optuna import OptunaSearch
@@ -15,6 +16,8 @@ from orchestrator.plan import Pair, Values
 from search_spaces import Range
 from search_spaces.space import Search
 from trainables.cell import Cell
+
+optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 Score = Callable[[Sequence[Cell]], float | None]
 """Mean AUC of the cells of one configuration; None where one of them is not done."""
@@ -49,7 +52,9 @@ class Tuned:
         self._fixed = dict(pair.grid[0]) if len(pair.grid) == 1 else {}
         tried = {cell.group: dict(cell.hyperparameters) for cell in searched}
         self.left = max(0, search.budget - len(tried))
-        self._searcher = OptunaSearch(space, metric="auc", mode="max", seed=search.seed + len(tried))
+        self._searcher = OptunaSearch(
+            OptunaSearch.convert_search_space(space), metric="auc", mode="max", seed=search.seed + len(tried)
+        )
         for values in tried.values():
             auc = score(pair.cells(values))
             inside = all(option.low <= float(values[name]) <= option.high for name, option in pair.ranges.items())

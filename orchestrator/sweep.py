@@ -15,12 +15,14 @@ import filelock
 from rich.console import Console
 
 from orchestrator.aggregates import groups
+from orchestrator.errors import InterruptedSweepError, SweepError
 from orchestrator.ledger import Ledger
 from orchestrator.plan import Pair, Params, SourceChoice, source_pairs, transfer_pairs
 from orchestrator.progress import Display
 from orchestrator.record import Record
 from orchestrator.results import Results
 from orchestrator.selection import select
+from orchestrator.status import DRIVER, LOCK, owner
 from trainables.cell import Cell
 from trainables.errors import InputError
 from trainables.training import exact_source
@@ -29,14 +31,8 @@ SOURCE, TRANSFER = "source", "transfer"
 """The stages."""
 
 Arrays = dict[str, Any]
-
-
-class SweepError(RuntimeError):
-    """A sweep that stopped for a reason outside of its cells; what is recorded stays, and the same command goes on."""
-
-
-class InterruptedSweepError(SweepError):
-    """Ctrl-C or SIGTERM."""
+OnRecord = Callable[[str, Record], None]
+"""Is told the stage and the record of each cell as it ends."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +64,7 @@ class Tally:
 
 
 def run(
-    results: Results, settings: Settings, console: Console, on_record: Callable[[Record], None] = lambda record: None
+    results: Results, settings: Settings, console: Console, on_record: OnRecord = lambda stage, record: None
 ) -> Tally:
     """Run what is missing of a sweep, telling `on_record` of each cell as it ends.
 
@@ -91,7 +87,7 @@ class _Stages:
         results: Results,
         settings: Settings,
         console: Console,
-        on_record: Callable[[Record], None],
+        on_record: OnRecord,
         stack: ExitStack,
     ) -> None:
         self._space = results.space()
@@ -183,7 +179,7 @@ class _Taking:
     ledger: Ledger
     tally: Tally
     display: Display
-    on_record: Callable[[Record], None]
+    on_record: OnRecord
     failure: OSError | None = None
 
     def __call__(self, outcome: dict[str, Any]) -> None:
@@ -197,7 +193,7 @@ class _Taking:
         self.tally.failed += record.status == "failed"
         self.tally.training_seconds += record.seconds
         self.display.ended(record)
-        self.on_record(record)
+        self.on_record(self.stage, record)
 
 
 def _drawn(pair: Pair, space: Any) -> Pair:
@@ -210,16 +206,14 @@ def _drawn(pair: Pair, space: Any) -> Pair:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Only one driver at a sweep; InputError that names the other one. A dead driver's lock is free."""
-    lock, owner = filelock.FileLock(folder / ".lock"), folder / ".driver.json"
+    lock, who = filelock.FileLock(folder / LOCK), folder / DRIVER
     try:
         lock.acquire(timeout=0)
     except filelock.Timeout:
-        who = json.loads(owner.read_text()) if owner.exists() else {}
-        name = f"process {who.get('pid', 'unknown')} on {who.get('host', 'another machine')}"
-        raise InputError(f"the sweep in {folder} is being run by {name}: wait for it, or stop it") from None
+        raise InputError(f"the sweep in {folder} is being run by {owner(folder)}: wait for it, or stop it") from None
     try:
-        owner.write_text(json.dumps({"pid": os.getpid(), "host": os.uname().nodename, "since": time.time()}))
+        who.write_text(json.dumps({"pid": os.getpid(), "host": os.uname().nodename, "since": time.time()}))
         yield
     finally:
-        owner.unlink(missing_ok=True)
+        who.unlink(missing_ok=True)
         lock.release()

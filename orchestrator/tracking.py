@@ -13,42 +13,31 @@ stores once.
 from __future__ import annotations
 
 import math
-import os
 import queue
 import sqlite3
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlparse
 
 import pandas as pd
 from mlflow.entities import Metric, Param, Run, RunTag
+from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 
 from orchestrator.aggregates import Group, groups, mean_curve
 from orchestrator.describe import cell_name, group_name, markdown
+from orchestrator.errors import SweepError
 from orchestrator.record import Record
 from orchestrator.results import Results, cell_row
 from orchestrator.statistics import Estimate
 from trainables.cell import Cell, content_id
-from trainables.errors import InputError
 
 CURVE_POINTS = 51
 """Points of a curve that MLflow gets, evenly spaced, first and last included; the results table has them all."""
 
-SCHEMES = ("sqlite", "postgresql", "mysql", "mssql", "http", "https", "databricks")
 BATCH = 1000
 """Most metrics of one call."""
-
-
-def tracking_uri(storage: Path, given: str | None) -> str:
-    """`given`, else MLFLOW_TRACKING_URI, else a database in the storage folder. InputError for an unknown scheme."""
-    uri = given or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{storage / 'mlflow.db'}"
-    scheme = urlparse(uri).scheme.split("+")[0]
-    if scheme not in SCHEMES:
-        raise InputError(f"a tracking URI must start with {', '.join(f'{s}:' for s in SCHEMES)} (got '{uri}')")
-    return uri
 
 
 class Mirror:
@@ -203,7 +192,7 @@ class Tracker:
     """Writes to a Mirror from one background thread, so that a sweep never waits for MLflow, nor falls with it."""
 
     def __init__(self, results: Results, uri: str) -> None:
-        self._results, self._uri = results, uri
+        self._results, self.uri = results, uri
         self._queue: queue.Queue[tuple[str, Record] | None] = queue.Queue(maxsize=1000)
         self._thread: threading.Thread | None = None
         self._mirror: Mirror | None = None
@@ -225,14 +214,14 @@ class Tracker:
             self._thread.join()
         if self.error is None:
             try:
-                return sync(self._results, self._uri, artifacts, self._mirror)
+                return sync(self._results, self.uri, artifacts, self._mirror)
             except Exception as error:
                 self.error = error
         return None
 
     def _work(self) -> None:
         try:
-            self._mirror = Mirror(self._results, self._uri)
+            self._mirror = Mirror(self._results, self.uri)
             while (item := self._queue.get()) is not None:
                 self._mirror.write_cell(*item)
         except Exception as error:
@@ -250,6 +239,14 @@ def sync(results: Results, uri: str, artifacts: Iterable[Path], mirror: Mirror |
     cells, points = results.tables()
     mirror.finish(groups(cells), cells, points, artifacts)
     return mirror.parent
+
+
+def sync_now(results: Results, uri: str, artifacts: Iterable[Path]) -> None:
+    """`sync` for a person who waits for it; SweepError where the store does not answer."""
+    try:
+        sync(results, uri, artifacts)
+    except (MlflowException, OSError) as error:
+        raise SweepError(f"MLflow at {uri} cannot be written to: {str(error).splitlines()[0]}") from None
 
 
 def thinned(curve: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:

@@ -43,6 +43,17 @@ def read_yaml(path: Path) -> Any:
         raise InputError(f"{path}{where}: {getattr(error, 'problem', None) or 'not YAML'}") from None
 
 
+def scalar(text: str) -> Any:
+    """One value as YAML reads it: 5 and 1e-4 are numbers, terminal is text; InputError for what is no value."""
+    try:
+        value = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
+    except yaml.YAMLError:
+        value = None
+    if not isinstance(value, int | float | str | bool):
+        raise InputError(f"'{text}' is not a value")
+    return value
+
+
 @cache
 def built_in() -> dict[str, Path]:
     """The files of the built-in search spaces by name."""

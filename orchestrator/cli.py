@@ -1,0 +1,28 @@
+"""Entry point of `deltatune`. Heavy imports are inside the commands that need them."""
+
+from __future__ import annotations
+
+import typer
+
+from orchestrator.commands import catalogue, sweep, sweeps
+from orchestrator.commands.app import app
+
+__all__ = ["app", "catalogue", "main", "sweep", "sweeps"]
+
+
+def main() -> None:
+    """Entry point: bad input is one sentence and exit code 2, never a traceback."""
+    from orchestrator.errors import exit_code
+
+    try:
+        app()
+    except Exception as error:
+        code = exit_code(error)
+        if code is None:
+            raise
+        typer.echo(f"error: {error}", err=True)
+        raise SystemExit(code) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""What `deltatune sweep` says at its end."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import Any
+
+import typer
+
+from orchestrator.commands.app import err, out, print_json, program
+from orchestrator.export import best
+from orchestrator.present import group_table
+from orchestrator.publish import Published, artifacts, publish
+from orchestrator.results import Results
+from orchestrator.sweep import Tally
+from orchestrator.tracking import Tracker
+
+
+def report(results: Results, tally: Tally, tracker: Tracker | None, as_json: bool) -> None:
+    """Publish a sweep that has ended, and say what came of it and where it is."""
+    started = time.monotonic()
+    console = err if as_json else out
+    with console.status("tables, figures and MLflow"):
+        published = publish(results)
+        if tracker:
+            tracker.finish(artifacts(results))
+    after = time.monotonic() - started
+    if as_json:
+        print_json(_summary(results, tally, published, tracker, after))
+    else:
+        _print_report(results, tally, published, tracker, after)
+    if tally.failed or tally.lost:
+        raise typer.Exit(1)
+
+
+def _summary(
+    results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float
+) -> dict[str, Any]:
+    return {
+        "sweep": str(results.folder),
+        "tally": asdict(tally) | {"publishing_seconds": after},
+        "best": best(results),
+        "figures": [str(path) for path in published.figures],
+        "mlflow": {"uri": tracker.uri, "error": str(tracker.error) if tracker.error else None} if tracker else None,
+    }
+
+
+def _print_report(results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float) -> None:
+    chosen = [selected.best for selected in published.selected.values()]
+    incomplete = [group for group in published.groups if not group.complete]
+    tried = {selected.best.id: selected.tried for selected in published.selected.values()}
+    out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds", tried))
+    if incomplete:
+        out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
+    for error in tally.lost:
+        out.print(f"[red]A worker was lost for good:[/] {error}")
+    total = tally.seconds + after
+    share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
+    out.print(
+        f"{tally.ran} cells run ({tally.failed} failed), {tally.reused} there before; {total:.0f} s, "
+        f"{share:.0f} % of it not training."
+    )
+    out.print(f"Results:  {results.folder}", soft_wrap=True)
+    for path in (path for path in published.figures if path.suffix == ".png"):
+        out.print(f"Figure:   {path}", soft_wrap=True)
+    if published.best:
+        out.print(f"Best:     {published.best}", soft_wrap=True)
+    if tracker and tracker.error:
+        out.print(
+            f"[yellow]MLflow has not got everything[/] ({tracker.error}); the results are whole. When it is back:"
+        )
+        out.print(f"          {program()} sync {results.name} --storage {results.storage}", soft_wrap=True)
+    elif tracker:
+        out.print(f"MLflow:   {program()} ui --storage {results.storage}", soft_wrap=True)

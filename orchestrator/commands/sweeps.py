@@ -1,0 +1,112 @@
+"""Commands on sweeps that are there already."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from orchestrator.commands.app import RESULTS, Json, Storage, Sweep, TrackingUri, app, out, print_json, program
+
+
+@app.command()
+def status(
+    name: Annotated[str | None, typer.Argument(metavar="[SWEEP]", help="A sweep; default: list all.")] = None,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Show how far a sweep is: cells done, failed and missing by stage, and why cells failed."""
+    from orchestrator.present import table
+    from orchestrator.status import sweep_status, sweeps
+
+    found = [sweep_status(results) for results in sweeps(storage, name)]
+    if as_json:
+        print_json(found[0] if name else found)
+        return
+    rows = [
+        (data["sweep"], stage, *(str(counts[key]) for key in ("done", "failed", "missing")), data["driver"] or "-")
+        for data in found
+        for stage, counts in data["stages"].items()
+    ]
+    out.print(table(("sweep", "stage", "done", "failed", "missing", "running in"), rows))
+    for data in found:
+        for failure in data["failures"]:
+            out.print(f"[red]{failure['cell_id']}[/] {failure['agent']} on {failure['task']}: {failure['error']}")
+
+
+@app.command()
+def export(
+    name: Sweep,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The YAML file to write.")] = Path("best.yaml"),
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Write a sweep's best hyperparameters per task, agent and source, for people and for 'sweep --params'."""
+    from orchestrator.export import write_best
+    from orchestrator.results import Results
+
+    data = write_best(Results.open(storage, name), output)
+    if as_json:
+        print_json(data)
+    else:
+        out.print(f"{len(data['best'])} best configurations: {output}", soft_wrap=True)
+
+
+@app.command()
+def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = None) -> None:
+    """Bring MLflow up to a sweep's results table; twice changes nothing."""
+    from orchestrator.environment import prepare
+
+    prepare()
+    from orchestrator import tracking
+    from orchestrator.publish import artifacts, publish
+    from orchestrator.results import Results
+    from orchestrator.store import tracking_uri as store_uri
+
+    results = Results.open(storage, name)
+    uri = store_uri(results.storage, tracking_uri)
+    publish(results)
+    tracking.sync_now(results, uri, artifacts(results))
+    out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
+
+
+@app.command()
+def replay(
+    cell_id: Annotated[str, typer.Argument(help="16 hexadecimal digits: the name of a file in SWEEP/cells.")],
+    name: Annotated[str | None, typer.Option("--sweep", help="Look in this sweep alone.")] = None,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Run one recorded cell again in this process, and say whether every bit of its curve agrees (exit 1 if not)."""
+    from orchestrator.replay import replay as run_again
+
+    found = run_again(storage, cell_id, name)
+    if as_json:
+        print_json(asdict(found))
+    else:
+        verdict = "every bit agrees" if found.agrees else f"NOT the same: {found.first_difference}"
+        out.print(f"{found.agent} on {found.task}, seed {found.seed}, {found.points} evaluation points: {verdict}")
+    if not found.agrees:
+        raise typer.Exit(1)
+
+
+@app.command()
+def ui(
+    storage: Storage = RESULTS,
+    tracking_uri: TrackingUri = None,
+    host: Annotated[str, typer.Option(help="Address to listen on; 127.0.0.1 is this machine alone.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535)] = 5000,
+) -> None:
+    """Open the MLflow UI on the sweeps of a storage folder.
+
+    In the runs table, the filter [bold]tags.kind = 'aggregate'[/] sorted by [bold]auc[/] is a leaderboard.
+    """
+    from orchestrator.environment import prepare
+
+    prepare()
+    from orchestrator.store import tracking_uri as store_uri
+    from orchestrator.ui import serve
+
+    raise typer.Exit(serve(store_uri(storage, tracking_uri), host, port, out))

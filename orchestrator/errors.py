@@ -1,0 +1,22 @@
+"""How a command ends when something goes wrong."""
+
+from __future__ import annotations
+
+
+class SweepError(RuntimeError):
+    """A sweep that stopped for a reason outside of its cells; what is recorded stays, and the same command goes on."""
+
+
+class InterruptedSweepError(SweepError):
+    """Ctrl-C or SIGTERM."""
+
+
+def exit_code(error: Exception) -> int | None:
+    """2 for bad input, 130 for an interruption, 1 for a sweep that stopped; None for an error of our own making."""
+    from trainables.errors import InputError
+
+    if isinstance(error, InputError):
+        return 2
+    if isinstance(error, InterruptedSweepError):
+        return 130
+    return 1 if isinstance(error, SweepError) else None

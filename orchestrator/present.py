@@ -1,0 +1,88 @@
+"""Tables for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import rich.box
+from rich.markup import escape
+from rich.table import Table
+
+from orchestrator.aggregates import Group
+from orchestrator.describe import COLUMNS, row
+from trainables.agents import Agent
+from trainables.tasks import TaskFamily, Value
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> Table:
+    """A plain table; the cells of the first column are never cut."""
+    result = Table(title=title, box=rich.box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for number, column in enumerate(columns):
+        result.add_column(column, overflow="fold", no_wrap=number == 0)
+    for cells in rows:
+        result.add_row(*cells)
+    return result
+
+
+def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | None = None) -> Table:
+    """Groups under the columns of the results table, task by task; green where transfer helped, red where it hurt.
+
+    tried: group id to the number of configurations that it is the best of.
+    """
+    lines: list[tuple[str, ...]] = []
+    last = ""
+    for group in sorted(groups, key=lambda group: group.task):
+        cells = list(row(group))
+        of = (tried or {}).get(group.id, 1)
+        cells[3] += f" (best of {of})" if of > 1 else ""
+        colour = _colour(group)
+        cells[-2:] = [f"[{colour}]{escape(cell)}[/]" if colour else escape(cell) for cell in cells[-2:]]
+        lines.append(("" if cells[0] == last else escape(cells[0]), *cells[1:]))
+        last = cells[0]
+    return table(COLUMNS, lines, title)
+
+
+def _colour(group: Group) -> str | None:
+    gap = group.against_base.difference if group.against_base else None
+    if gap is None or gap.low is None or gap.high is None or gap.low <= 0 <= gap.high:
+        return None
+    return "green" if gap.low > 0 else "red"
+
+
+def task_data(family: TaskFamily) -> dict[str, Any]:
+    """A task family as plain data."""
+    return {
+        "name": family.name,
+        "description": family.description,
+        "tabular": family.model is not None,
+        "features": [
+            {
+                "name": feature.name,
+                "default": _json(feature.default),
+                "description": feature.description,
+                "named_values": {name: _json(value) for name, value in feature.named.items()},
+            }
+            for feature in family.features
+        ],
+        "paper_targets": list(family.targets),
+        "paper_hyperparameters": dict(family.defaults),
+    }
+
+
+def agent_data(agent: Agent) -> dict[str, Any]:
+    """An agent as plain data."""
+    fields = agent.hyperparameters.model_fields
+    return {
+        "name": agent.name,
+        "description": agent.description,
+        "kind": agent.kind,
+        "compared_with": agent.base,
+        "hyperparameters": [
+            {"name": name, "default": field.default, "description": field.description} for name, field in fields.items()
+        ],
+    }
+
+
+def _json(value: Value) -> Any:
+    return list(value) if isinstance(value, tuple) else value
