@@ -32,13 +32,18 @@ def domain(option: Range) -> Any:
 
 def draw(pair: Pair, search: Search) -> list[Values]:
     """Random search: `budget` draws from the pair's ranges, the same ones each time; its grid is cycled through."""
-    digest = hashlib.sha256("/".join(pair.key).encode()).digest()
-    rng = np.random.RandomState(np.random.SeedSequence([search.seed, *digest[:8]]).generate_state(4))
+    rng = np.random.RandomState(_seeds(pair, search, 0))
     draws = []
     for number in range(search.budget):
         values = {name: _plain(domain(option).sample(random_state=rng)) for name, option in pair.ranges.items()}
         draws.append(pair.grid[number % len(pair.grid)] | values)
     return draws
+
+
+def _seeds(pair: Pair, search: Search, tried: int) -> list[int]:
+    """Each pair draws its own numbers, and a search that goes on does not repeat its first ones."""
+    digest = hashlib.sha256("/".join(pair.key).encode()).digest()
+    return [int(word) for word in np.random.SeedSequence([search.seed, tried, *digest[:8]]).generate_state(4)]
 
 
 class Tuned:
@@ -53,7 +58,7 @@ class Tuned:
         tried = {cell.group: dict(cell.hyperparameters) for cell in searched}
         self.left = max(0, search.budget - len(tried))
         self._searcher = OptunaSearch(
-            OptunaSearch.convert_search_space(space), metric="auc", mode="max", seed=search.seed + len(tried)
+            OptunaSearch.convert_search_space(space), metric="auc", mode="max", seed=_seeds(pair, search, len(tried))[0]
         )
         for values in tried.values():
             auc = score(pair.cells(values))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -61,7 +60,7 @@ class Knowledge:
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
                 arrays = {name: file[name] for name in file.files}
             meta = json.loads(arrays.pop(META).tobytes())
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+        except Exception as error:  # a damaged archive may raise anything: zlib.error, BadZipFile, KeyError, ...
             raise InputError(f"not a file of source knowledge ({error})") from None
         knowledge = cls(arrays)
         if not isinstance(meta, dict) or meta.get("schema") != 1 or meta.get("digest") != knowledge.digest:

@@ -1,0 +1,67 @@
+"""What the tests share: one Ray for the whole session, and one small finished sweep to read from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from orchestrator.environment import prepare
+
+prepare()
+
+SPACE = {
+    "schema": 1,
+    "name": "small",
+    "family": "tests",
+    "seeds": 2,
+    "scenarios": [
+        {
+            "source": {
+                "task": "windy_gridworld",
+                "kinds": ["learned", "exact"],
+                "hyperparameters": {"learning_rate": [0.5, 0.1]},
+            },
+            "targets": ["windy_gridworld:wind=small", "windy_gridworld:wind=reversed"],
+        }
+    ],
+    "hyperparameters": {"episodes": [60]},
+    "agents": {"q_learning": {}, "policy_reuse": {}, "delta_gate": {"threshold": [10.0, 3.0]}},
+}
+"""4 cells of the source stage and 28 of the transfer stage, of a few milliseconds each."""
+
+CELLS = 4 + 2 * (2 + 4 + 8)
+
+
+@pytest.fixture(autouse=True)
+def _own_mlflow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No test writes to a store that the environment names."""
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+
+
+@pytest.fixture(scope="session")
+def ray_session() -> Iterator[None]:
+    """Ray on two CPUs, started once; sweeps in this process use it as it is."""
+    import ray
+
+    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    yield
+    ray.shutdown()
+
+
+@pytest.fixture(scope="session")
+def finished(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The storage folder of a finished sweep called `small`. Read it; copy it before you change anything."""
+    from rich.console import Console
+
+    from orchestrator.results import Results
+    from orchestrator.sweep import Settings, run
+    from search_spaces import parse
+
+    storage = tmp_path_factory.mktemp("finished")
+    results = Results.create(storage, "small", parse("small", SPACE))
+    tally = run(results, Settings(), Console(quiet=True))
+    assert (tally.ran, tally.failed) == (CELLS, 0)
+    results.write_tables()
+    return storage

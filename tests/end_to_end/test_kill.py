@@ -1,0 +1,59 @@
+"""The driver is killed in the middle of a sweep: the same command again runs what is missing, and no more."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pandas as pd
+import yaml
+from conftest import CELLS, SPACE
+from mlflow.tracking import MlflowClient
+
+ENOUGH = 6
+"""Cells to wait for before the kill."""
+
+
+def command(space: Path, storage: Path) -> list[str]:
+    return [sys.executable, "-m", "orchestrator.cli", "sweep", str(space), "--storage", str(storage), "--json"]
+
+
+def test_a_killed_sweep_goes_on_with_its_missing_cells(tmp_path: Path) -> None:
+    space = tmp_path / "space.yaml"
+    space.write_text(yaml.safe_dump(SPACE | {"hyperparameters": {"episodes": [1500], "evaluate_every": [50]}}))
+    killed, calm = tmp_path / "killed", tmp_path / "calm"
+    with subprocess.Popen(command(space, killed), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
+        deadline = time.monotonic() + 240
+        while len(list(killed.glob("small/cells/*.json"))) < ENOUGH:
+            assert driver.poll() is None, "the sweep ended before it could be killed"
+            assert time.monotonic() < deadline, "no cell ended"
+            time.sleep(0.05)
+        os.kill(driver.pid, signal.SIGKILL)
+    there = len(list(killed.glob("small/cells/*.json")))
+    assert ENOUGH <= there < CELLS
+    tally = json.loads(subprocess.run(command(space, killed), capture_output=True, check=True).stdout)["tally"]
+    assert (tally["reused"], tally["ran"]) == (there, CELLS - there)
+    subprocess.run(command(space, calm), capture_output=True, check=True)
+    for name in ("cells", "points"):
+        tables = [pd.read_parquet(folder / "small" / f"{name}.parquet") for folder in (killed, calm)]
+        pd.testing.assert_frame_equal(*(table.drop(columns="seconds") for table in tables), check_exact=True)
+    assert mlflow_runs(killed) == mlflow_runs(calm)
+    assert set(mlflow_runs(killed).values()) == {1}
+
+
+def mlflow_runs(storage: Path) -> Counter[tuple[str, str]]:
+    """How many finished runs there are of each cell and group."""
+    client = MlflowClient(f"sqlite:///{storage / 'mlflow.db'}")
+    experiment = client.get_experiment_by_name("deltatune/tests")
+    assert experiment is not None
+    runs = client.search_runs([experiment.experiment_id], max_results=1000)
+    assert {run.info.status for run in runs} == {"FINISHED"}
+    return Counter(
+        (run.data.tags["kind"], run.data.tags.get("cell_id") or run.data.tags.get("group", "")) for run in runs
+    )

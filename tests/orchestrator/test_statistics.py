@@ -1,0 +1,97 @@
+"""Intervals that cover what they say, and no number where there is none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from orchestrator import statistics
+
+numbers = st.floats(-1e3, 1e3).map(lambda value: round(value, 3))
+samples = st.lists(numbers, min_size=2, max_size=8)
+
+
+def test_the_interval_of_a_mean_is_students_t() -> None:
+    values = [1.0, 2.0, 4.0, 8.0]
+    expected = stats.t.interval(0.95, 3, loc=np.mean(values), scale=stats.sem(values))
+    estimate = statistics.mean(values)
+    assert (estimate.low, estimate.high) == pytest.approx(expected)
+
+
+def test_one_seed_has_no_interval() -> None:
+    assert statistics.mean([3.0]) == statistics.Estimate(3.0, None, None)
+    assert statistics.transfer_ratio([3.0], [2.0]) == statistics.TransferRatio(0.5, None, None)
+    assert statistics.iqm([3.0]).low is None
+
+
+@pytest.mark.parametrize("bad", [[], [1.0, math.nan], [math.inf, 1.0]])
+def test_a_nan_is_refused_and_never_averaged_away(bad: list[float]) -> None:
+    for function in (statistics.mean, statistics.iqm, statistics.sd):
+        with pytest.raises(ValueError, match="finite"):
+            function(bad)
+
+
+def test_equal_seeds_give_a_point_and_not_a_nan() -> None:
+    for function in (statistics.mean, statistics.iqm):
+        estimate = function([200.0] * 5)
+        assert (estimate.value, estimate.low, estimate.high) == (200.0, 200.0, 200.0)
+    assert statistics.transfer_ratio([150.0] * 5, [100.0] * 5) == statistics.TransferRatio(0.5, 0.5, 0.5)
+
+
+def test_the_transfer_ratio_keeps_its_sign_for_negative_returns() -> None:
+    ratio = statistics.transfer_ratio([-50.0, -51.0, -49.0], [-100.0, -101.0, -99.0])
+    assert ratio.value == pytest.approx(0.5)
+    assert ratio.low is not None
+    assert ratio.high is not None
+    assert ratio.low < 0.5 < ratio.high
+
+
+def test_the_transfer_ratio_is_undefined_where_the_base_may_be_zero() -> None:
+    ratio = statistics.transfer_ratio([5.0, 6.0, 7.0], [-1.0, 0.5, 1.0])
+    assert ratio.value is None
+    assert ratio.undefined is not None
+    assert "touches 0" in ratio.undefined
+
+
+@pytest.mark.parametrize("base", [-70.0, 40.0])
+def test_fiellers_interval_covers_the_true_ratio_as_often_as_it_says(base: float) -> None:
+    rng = np.random.default_rng(0)
+    target, hits, runs = -50.0, 0, 1500
+    truth = (target - base) / abs(base)
+    for _ in range(runs):
+        shared = 3 * rng.normal(size=5)
+        ratio = statistics.transfer_ratio(
+            target + shared + 4 * rng.normal(size=5), base + shared + 5 * rng.normal(size=5)
+        )
+        assert ratio.low is not None
+        assert ratio.high is not None
+        hits += ratio.low <= truth <= ratio.high
+    assert 0.93 < hits / runs < 0.97
+
+
+@given(samples)
+def test_the_difference_from_oneself_is_zero(values: list[float]) -> None:
+    gap = statistics.difference(values, values)
+    assert (gap.value, gap.low, gap.high) == (0.0, 0.0, 0.0)
+
+
+@given(samples, samples)
+def test_improvement_and_its_converse_sum_to_one(x: list[float], y: list[float]) -> None:
+    forth, back = statistics.probability_of_improvement(x, y), statistics.probability_of_improvement(y, x)
+    assert forth.value + back.value == pytest.approx(1.0)
+    assert 0 <= forth.value <= 1
+
+
+@given(samples)
+def test_the_interquartile_mean_lies_between_the_extremes(values: list[float]) -> None:
+    estimate = statistics.iqm(values)
+    assert min(values) - 1e-9 <= estimate.value <= max(values) + 1e-9
+
+
+def test_the_same_seeds_give_the_same_bootstrap() -> None:
+    assert statistics.iqm([1.0, 5.0, 2.0]) == statistics.iqm([1.0, 5.0, 2.0])
