@@ -11,7 +11,6 @@ from dashboards.style import COLOURS, new_figure, save
 from orchestrator.aggregates import Group, groups
 from orchestrator.results import Results
 from trainables.delta.bounds import bounds
-from trainables.tasks import parse_task
 
 
 def draw(results: Results) -> list[Path]:
@@ -21,14 +20,13 @@ def draw(results: Results) -> list[Path]:
     sources = [source for source in SOURCES if sum(group.source == source for group in reuse) > 1]
     if not sources:
         return []
-    figure = new_figure(4.4 * len(sources) + 0.4, 3.5)
+    figure = new_figure(4.4 * len(sources) + 0.4, 3.8)
     panels = figure.subplots(1, len(sources), squeeze=False, sharey=True)[0]
     for axes, source in zip(panels, sources, strict=True):
         _panel(axes, [group for group in reuse if group.source == source])
         axes.set_title(SOURCES[source], fontsize=9)
-        axes.set_xlabel("max |delta|")
+        axes.set_xlabel("max |delta|", labelpad=1)
     panels[0].set_ylabel("transfer ratio of direct reuse (%)")
-    panels[0].legend(fontsize=7, loc="lower left")
     figure.suptitle(f"{results.name}: does max |delta| tell whether reuse helps? 95 % intervals", fontsize=10)
     return save(figure, results.folder / "figures", "reuse_against_delta")
 
@@ -38,21 +36,31 @@ def _has_ratio(group: Group) -> bool:
 
 
 def _panel(axes: Axes, shown: list[Group]) -> None:
-    colour = COLOURS["policy_reuse"]
     axes.axhline(0, color="#4d4d4d", lw=0.8)
-    for number, group in enumerate(shown):
+    named: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
+    for number, group in enumerate(sorted(shown, key=lambda group: group.task)):
         assert group.against_base is not None
         ratio = group.against_base.transfer_ratio
         assert ratio.value is not None
         low, high = (ratio.low, ratio.high) if ratio.low is not None and ratio.high is not None else (ratio.value,) * 2
         y, error = ratio.value * 100, [[(ratio.value - low) * 100], [(high - ratio.value) * 100]]
-        learned = group.max_abs_delta.value if group.max_abs_delta else 0.0
-        names = ("estimated along the reused policy", "exact, over all pairs") if number == 0 else ("_", "_")
-        axes.errorbar([learned], [y], yerr=error, fmt="o", color=colour, capsize=2, ms=5, label=names[0])
-        edge = max(learned, 0.0)
+        x = group.max_abs_delta.value if group.max_abs_delta else 0.0
+        label = "estimated along the reused policy" if number == 0 else None
+        axes.errorbar([x], [y], yerr=error, fmt="o", color=COLOURS["policy_reuse"], capsize=2, ms=5, label=label)
         if group.source == "exact" and group.source_task is not None:
             exact = bounds(group.source_task, group.task).max_abs_delta
-            axes.plot([learned, exact], [y, y], "-", color="#999999", lw=0.8)
-            axes.plot([exact], [y], "D", mfc="none", color="#4d4d4d", ms=5, label=names[1])
-        name = group.task.partition(":")[2].removeprefix("wind=") or parse_task(group.task).family.name
-        axes.annotate(name, (edge, y), textcoords="offset points", xytext=(5, 6), fontsize=7)
+            axes.plot([x, exact], [y, y], "-", color="#999999", lw=0.8)
+            label = "exact, over all states and actions" if number == 0 else None
+            axes.plot([exact], [y], "D", mfc="none", color="#4d4d4d", ms=5, label=label)
+        named.setdefault((round(x), round(y / 20)), []).append((x, y, _name(group)))
+    for near in named.values():
+        x, y = near[-1][:2]
+        text = ", ".join(name for *_, name in near)
+        axes.annotate(text, (x, y), textcoords="offset points", xytext=(6, 7), fontsize=7)
+    axes.margins(0.14)
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
+
+
+def _name(group: Group) -> str:
+    """What sets the target apart from the source."""
+    return group.task.partition(":")[2].removeprefix("wind=") or "none (the source itself)"

@@ -54,6 +54,10 @@ class Ledger:
             return cell.id in self._new or not self._retry_failed
         return not keep or self.library.has(cell.id)
 
+    def new(self, cell: Cell) -> bool:
+        """Whether the cell has ended in this run."""
+        return cell.id in self._new
+
     def score(self, cells: Sequence[Cell]) -> float | None:
         """Mean AUC of a configuration's cells; None where one is not done."""
         records = [self.record(cell) for cell in cells]

@@ -126,7 +126,7 @@ class _Stages:
         searched = [cell for pair in tuned for cell in ledger.searched(pair)]
         cells = ledger.plan(stage, [*(cell for pair in pairs for cell in pair.all_cells()), *searched])
         missing = [cell for cell in cells if not ledger.ended(cell, keep)]
-        self.tally.reused += len(cells) - len(missing)
+        self.tally.reused += sum(ledger.ended(cell, keep) and not ledger.new(cell) for cell in cells)
         if missing or tuned:
             self._run_missing(stage, missing, tuned, keep)
 

@@ -94,7 +94,8 @@ def test_every_command_has_help(terminal: Terminal) -> None:
 
 
 def test_help_and_catalogue_import_nothing_heavy() -> None:
-    code = "import sys, orchestrator.cli; print([m for m in ('ray', 'mlflow', 'torch', 'pandas', 'numba') if m in sys.modules])"
+    heavy = ("ray", "mlflow", "torch", "pandas", "numba")
+    code = f"import sys, orchestrator.cli; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -30,10 +30,10 @@ from trainables.trainable import outcome
 QUIET = Console(quiet=True)
 
 
-def sweep(storage: Path, settings: Settings = Settings(), **changes: Any) -> tuple[Results, Tally]:
+def sweep(storage: Path, settings: Settings | None = None, **changes: Any) -> tuple[Results, Tally]:
     space = copy.deepcopy(SPACE) | changes
     results = Results.create(storage, "small", parse("small", space))
-    return results, run(results, settings, QUIET)
+    return results, run(results, settings or Settings(), QUIET)
 
 
 @pytest.fixture
