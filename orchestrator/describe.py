@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+import yaml
 
 from orchestrator.aggregates import Group
 from orchestrator.results import Results
@@ -99,6 +100,10 @@ def markdown(results: Results, groups: Sequence[Group]) -> str:
     lines += [f"|{'|'.join(COLUMNS)}|", "|" + "---|" * len(COLUMNS)]
     lines += ["|" + "|".join(cell.replace("|", "/") for cell in row(group)) + "|" for group in groups]
     lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
+    lines += [
+        f"Again: `deltatune sweep SPACE.yaml --name {results.name}`, with the search space below as SPACE.yaml.",
+        "",
+    ]
     lines += ["Leaderboard: filter the runs by `tags.kind = 'aggregate'` and sort by `auc`.", ""]
-    lines += ["```json", json.dumps(space.to_json(), indent=1), "```"]
+    lines += ["```yaml", yaml.safe_dump(space.to_json(), sort_keys=False, width=110).rstrip(), "```"]
     return "\n".join(lines)

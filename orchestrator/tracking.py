@@ -33,6 +33,9 @@ from orchestrator.results import Results, cell_row
 from orchestrator.statistics import Estimate
 from trainables.cell import Cell, content_id
 
+_EXPERIMENT_TAGS = {"mlflow.experimentKind": "custom_model_development"}
+"""Opens the experiment in the UI's view for training runs."""
+
 CURVE_POINTS = 51
 """Points of a curve that MLflow gets, evenly spaced, first and last included; the results table has them all."""
 
@@ -107,6 +110,13 @@ class Mirror:
         planned = {("cell", cell_id) for cell_id in cells["cell_id"]} | {("aggregate", group.id) for group in every}
         for key in set(self._known) - planned - {("sweep", "")}:
             self._client.delete_run(self._known.pop(key).info.run_id)
+        space, counts = self._meta["space"], cells["status"].value_counts()
+        tags = {f"cells_{status}": counts.get(status, 0) for status in ("done", "failed", "missing")}
+        tags |= {"seeds": len(space["seeds"]), "agents": ", ".join(space["agents"])}
+        tags |= {
+            "targets": ", ".join(target for scenario in space["scenarios"] for target in scenario["targets"])[:5000]
+        }
+        self._client.log_batch(self.parent, tags=[RunTag(name, str(value)) for name, value in tags.items()])
         self._client.set_terminated(self.parent)
 
     def _write(
@@ -159,7 +169,7 @@ class Mirror:
         if uri.startswith("sqlite:"):
             _write_ahead(uri)
             location = (self._results.storage / "mlartifacts" / content_id(family)).as_uri()
-        return str(self._client.create_experiment(family, location))
+        return str(self._client.create_experiment(family, location, _EXPERIMENT_TAGS))
 
     def _runs(self) -> Iterable[Run]:
         token: str | None = None
