@@ -111,12 +111,12 @@ class Mirror:
         for key in set(self._known) - planned - {("sweep", "")}:
             self._client.delete_run(self._known.pop(key).info.run_id)
         space, counts = self._meta["space"], cells["status"].value_counts()
-        tags = {f"cells_{status}": counts.get(status, 0) for status in ("done", "failed", "missing")}
-        tags |= {"seeds": len(space["seeds"]), "agents": ", ".join(space["agents"])}
+        tags = {f"cells_{status}": str(counts.get(status, 0)) for status in ("done", "failed", "missing")}
+        tags |= {"seeds": str(len(space["seeds"])), "agents": ", ".join(space["agents"])}
         tags |= {
             "targets": ", ".join(target for scenario in space["scenarios"] for target in scenario["targets"])[:5000]
         }
-        self._client.log_batch(self.parent, tags=[RunTag(name, str(value)) for name, value in tags.items()])
+        self._client.log_batch(self.parent, tags=[RunTag(name, value) for name, value in tags.items()])
         self._client.set_terminated(self.parent)
 
     def _write(

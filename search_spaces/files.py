@@ -41,13 +41,15 @@ def read_yaml(path: Path) -> Any:
         mark = getattr(error, "problem_mark", None)
         where = f" line {mark.line + 1}" if mark else ""
         raise InputError(f"{path}{where}: {getattr(error, 'problem', None) or 'not YAML'}") from None
+    except ValueError as error:  # a date or number that is none, such as 2024-13-45
+        raise InputError(f"{path}: {error}") from None
 
 
 def scalar(text: str) -> Any:
     """One value as YAML reads it: 5 and 1e-4 are numbers, terminal is text; InputError for what is no value."""
     try:
         value = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError):
         value = None
     if not isinstance(value, int | float | str | bool):
         raise InputError(f"'{text}' is not a value")

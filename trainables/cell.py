@@ -127,5 +127,5 @@ def _checked(source: Source, kind: str) -> Source:
     if source.kind == "exact" and not (task.tabular and kind == "tabular"):
         raise InputError(f"an exact source needs a tabular task (got {task.name})")
     if (source.kind == "learned") != (source.cell_id is not None):
-        raise InputError(f"a {source.kind} source {'needs' if source.kind == 'learned' else 'has no'} cell id")
+        raise InputError(f"the {source.kind} source {'needs a' if source.kind == 'learned' else 'has no'} cell id")
     return source.model_copy(update={"task": task.name})

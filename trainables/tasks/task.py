@@ -39,10 +39,11 @@ class ContextFeature:
         """The value that `text` stands for: a name, a multiple of the default ('5x'), or a plain value."""
         if text in self.named:
             return self.named[text]
+        plain = text
         if isinstance(self.default, float) and re.fullmatch(r"[-+0-9.eE]+x", text):
-            return self.parse(repr(self.default * float(self._number(text[:-1]))))
+            plain = repr(self.default * self._number(text[:-1]))
         try:
-            return self.parse(text)
+            return self.parse(plain)
         except InputError as error:
             names = f", or one of {', '.join(self.named)}" if self.named else ""
             raise InputError(f"{self.name} must be {error}{names} (got '{text}')") from None
