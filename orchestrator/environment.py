@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 SETTINGS = {
     "RAY_AIR_NEW_OUTPUT": "0",
@@ -23,7 +24,13 @@ SETTINGS = {
 }
 
 
-def prepare() -> None:
-    """Put the settings into the environment, where the workers will inherit them."""
+def prepare(joins_cluster: bool = False) -> None:
+    """Put the settings into the environment, where the workers will inherit them.
+
+    joins_cluster: Ray is to be joined, not started. A cluster whose head found this user's token file asks for the
+    token, and Ray's client offers it in this mode alone.
+    """
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
+    if joins_cluster and Path("~/.ray/auth_token").expanduser().exists():
+        os.environ.setdefault("RAY_AUTH_MODE", "token")

@@ -6,6 +6,7 @@ import math
 import os
 import shutil
 import signal
+import socket
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -48,8 +49,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[int]:
     if address is None:
         ray.init(address="local", num_cpus=workers or _own_cpus(), include_dashboard=False, **quiet)
     else:
-        if Path("~/.ray/auth_token").expanduser().exists():
-            os.environ.setdefault("RAY_AUTH_MODE", "token")
+        _answers(address)
         try:
             ray.init(address=address, runtime_env={"working_dir": str(_code()), "excludes": _EXCLUDES}, **quiet)
         except (ConnectionError, RuntimeError, ValueError) as error:
@@ -66,6 +66,19 @@ def _own_cpus() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def _answers(address: str) -> None:
+    """Ray itself would try for minutes to reach a head that is not there."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdigit():
+        if address == "auto":
+            return
+        raise InputError(f"a cluster's address is HOST:PORT or 'auto' (got '{address}')")
+    try:
+        socket.create_connection((host, int(port)), timeout=5).close()
+    except OSError as error:
+        raise InputError(f"no Ray cluster answers at '{address}': {error.strerror or error}") from None
 
 
 def _cpus() -> float:

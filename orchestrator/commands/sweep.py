@@ -37,7 +37,7 @@ def sweep(
     """
     from orchestrator.environment import prepare
 
-    prepare()
+    prepare(joins_cluster=address is not None)
     from orchestrator import tracking
     from orchestrator.commands.report import report
     from orchestrator.export import read_params

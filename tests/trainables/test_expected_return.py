@@ -1,0 +1,42 @@
+"""Exact evaluation against plain sampling, and on a task small enough to do by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from trainables.delta.exact import exact_q, model_of
+from trainables.evaluation import EvalPoint, expected_return
+from trainables.tasks import parse_task
+from trainables.tasks.model import TransitionModel
+
+
+def test_two_states_by_hand() -> None:
+    # state 0, action 0: reward 2, stays with probability .75, else ends in state 1; action 1 is never taken
+    transitions = csr_array(np.array([[0.75, 0.25], [1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]))
+    transitions.eliminate_zeros()
+    model = TransitionModel(transitions, np.array([[2.0, 9.0], [0.0, 0.0]]), start=0, time_limit=3)
+    total, discounted = expected_return(model, np.zeros(2, np.int64), 0.5)
+    assert total == pytest.approx(2 * (1 + 0.75 + 0.75**2), abs=1e-15)
+    assert discounted == pytest.approx(2 * (1 + 0.375 + 0.375**2), abs=1e-15)
+
+
+@pytest.mark.parametrize("task", ["windy_gridworld:wind=small", "supply_chain:demand_mean=5"])
+def test_the_exact_return_is_the_mean_of_sampled_episodes(task: str) -> None:
+    policy = exact_q(task.partition(":")[0], 0.99).argmax(axis=1)
+    env, returns = parse_task(task).make(), []
+    for episode in range(150):
+        state, total, done = env.reset(seed=episode)[0], 0.0, False
+        while not done:
+            state, reward, terminated, truncated, _ = env.step(policy[state])
+            total, done = total + float(reward), terminated or truncated
+        returns.append(total)
+    exact = expected_return(model_of(task), policy, 0.99)[0]
+    assert abs(np.mean(returns) - exact) < 4.5 * np.std(returns) / np.sqrt(len(returns))
+
+
+def test_points_are_equal_whatever_the_clock_said() -> None:
+    point = EvalPoint(1, 2, 3.0, 4.0, None, {}, seconds=1.0)
+    assert point == EvalPoint(1, 2, 3.0, 4.0, None, {}, seconds=2.0)
+    assert point != EvalPoint(1, 2, 3.5, 4.0, None, {}, seconds=1.0)
