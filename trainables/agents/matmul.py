@@ -102,7 +102,10 @@ def _tile(rows: int) -> Any:
 
             def body(index: Any, sums: list[Any]) -> list[Any]:
                 row_of_b = builder.gep(p_at, [builder.mul(index, ir.Constant(number, WIDTH))])
-                b = [_load(builder, builder.gep(row_of_b, [ir.Constant(number, v * _LANES)]), vector) for v in range(_VECTORS)]
+                b = [
+                    _load(builder, builder.gep(row_of_b, [ir.Constant(number, v * _LANES)]), vector)
+                    for v in range(_VECTORS)
+                ]
                 column_of_a = builder.gep(a_at, [builder.mul(index, a_k)])
                 out = []
                 for r in range(rows):
@@ -261,8 +264,21 @@ def _column(m: int, k: int, a: F32, a0: int, a_row: int, a_k: int, panel: F32, c
 
 @compiled
 def matmul(
-    m: int, n: int, k: int, a: F32, a0: int, a_row: int, a_k: int, b: F32, b0: int, b_k: int, b_col: int,
-    c: F32, c0: int, c_row: int, scratch: F32,
+    m: int,
+    n: int,
+    k: int,
+    a: F32,
+    a0: int,
+    a_row: int,
+    a_k: int,
+    b: F32,
+    b0: int,
+    b_k: int,
+    b_col: int,
+    c: F32,
+    c0: int,
+    c_row: int,
+    scratch: F32,
 ) -> None:
     """C (m, n) = A (m, k) @ B (k, n). scratch: at least (k + m) * WIDTH floats."""
     edge = k * WIDTH
