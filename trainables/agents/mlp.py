@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.agents.matmul import F32, WIDTH, dot, matmul
+from trainables.agents.matmul import F32, dot, matmul
+from trainables.agents.vectors import WIDTH
 from trainables.jit import compiled
 
 I64 = NDArray[np.int64]

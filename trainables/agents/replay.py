@@ -55,8 +55,8 @@ class Replay:
     A transition's target is reward - advice + future: `future` is gamma max_b of the target network at s' (0 where
     terminated), `advice` the potential at (s,a) of an agent that shapes the reward. Both hold until the target
     network is copied, so the learner computes them once, for many transitions at a time, when a minibatch first
-    needs one of them; `stale` counts the newest transitions for which that is still to be done. `delta` is the target of eq. (4),
-    which never changes; `stale_delta` counts likewise.
+    needs one of them; `stale` counts the newest transitions for which that is still to be done. `delta` is the
+    target of eq. (4), which never changes; `stale_delta` counts likewise.
     """
 
     def __init__(self, capacity: int, inputs: int, batch_size: int, rng: np.random.Generator) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, cast
@@ -43,7 +44,7 @@ class TorchNetwork:
         q = self.module(x).gather(1, self._tensor(actions)[:, None])[:, 0]
         loss = self._loss(q, self._tensor(targets))
         self._optimiser.zero_grad()
-        loss.backward()
+        torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.module.parameters(), self._max_norm)
         self._optimiser.step()
         return float(loss.detach())
@@ -97,7 +98,7 @@ def _module(settings: DQN, inputs: int, actions: int) -> nn.Module:
         return _factory(settings.module)(inputs, actions)
     sizes = (inputs, *(settings.hidden_size,) * settings.hidden_layers, actions)
     layers: list[nn.Module] = []
-    for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True):
+    for n_in, n_out in itertools.pairwise(sizes):
         layers += [nn.Linear(n_in, n_out), nn.ReLU()]
     return nn.Sequential(*layers[:-1])
 

@@ -110,8 +110,8 @@ def _rollout(env: gymnasium.Env) -> list[bytes]:
 
     seen: list[bytes] = []
     env.reset(seed=0)
-    actions = np.random.default_rng(0).integers(0, int(env.action_space.n), 100)
-    for action in actions + int(env.action_space.start):
+    space: Any = env.action_space
+    for action in int(space.start) + np.random.default_rng(0).integers(0, int(space.n), 100):
         observation, reward, terminated, truncated, _ = env.step(int(action))
         seen.append(np.asarray(observation).tobytes() + np.float64(reward).tobytes())
         if terminated or truncated:

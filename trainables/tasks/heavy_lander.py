@@ -7,7 +7,7 @@ from typing import Any
 from gymnasium.envs.box2d.lunar_lander import LunarLander
 
 
-class HeavyLander(LunarLander):  # type: ignore[misc]
+class HeavyLander(LunarLander):
     """LunarLander with `mass` times the lander's density; the legs keep theirs."""
 
     def __init__(self, mass: float = 1.0, **settings: Any) -> None:
@@ -20,8 +20,13 @@ class HeavyLander(LunarLander):  # type: ignore[misc]
         if self.lander is not self._weighed:
             self._weighed = self.lander
             if self._mass != 1.0:
-                for fixture in self.lander.fixtures:
-                    fixture.density *= self._mass
-                self.lander.ResetMassData()
-        result: tuple[Any, Any, bool, bool, dict[str, Any]] = super().step(action)
+                _weigh(self.lander, self._mass)
+        step: Any = super().step
+        result: tuple[Any, Any, bool, bool, dict[str, Any]] = step(action)
         return result
+
+
+def _weigh(lander: Any, factor: float) -> None:
+    for fixture in lander.fixtures:
+        fixture.density *= factor
+    lander.ResetMassData()
