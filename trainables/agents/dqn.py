@@ -63,6 +63,11 @@ class DeepLearner:
         self._best = self._q.vector()
         self._best_return = -math.inf
 
+    @property
+    def steps(self) -> int:
+        """Training steps so far."""
+        return self._steps
+
     def run(self, episodes: int) -> None:
         """Train for `episodes` more episodes. Raises TrainingError where a number is no longer finite."""
         for _ in range(episodes):

@@ -149,7 +149,7 @@ def test_delta_learns_from_equation_4(source: Knowledge) -> None:
 
 @pytest.mark.parametrize("agent_name", ["dpba", "delta_dpba"])
 def test_potential_advice_shapes_the_target(agent_name: str, source: Knowledge) -> None:
-    """R + gamma max_b (Q + Phi)(s',b) - Phi(s,a) with Phi the scaled advantage of the source, which is never positive."""
+    """The target is r + gamma max_b (Q + Phi)(s',b) - Phi(s,a), with Phi the source's scaled advantage."""
     agent = learner(agent_name, source)
     replay = agent._replay
     replay.stale = replay.size
@@ -252,7 +252,7 @@ def test_an_environments_nan_fails_the_cell_with_the_cause(source: Knowledge, mo
     agent = learner("dqn", source)
     observation = np.array([np.nan, 0, 0, 0], np.float32)
     monkeypatch.setattr(agent._env, "step", lambda action: (observation, 1.0, False, False))
-    with pytest.raises(TrainingError, match="environment returned .*observations that are not finite"):
+    with pytest.raises(TrainingError, match=r"environment returned .*observations that are not finite"):
         agent.run(1)
 
 

@@ -1,0 +1,1 @@
+"""Speed measurements against public peers, run by hand."""
