@@ -22,7 +22,7 @@ Contestant = Callable[[float], tuple[int, float]]
 
 
 def ours(task: str, agent: str = "dqn") -> Contestant:
-    """This package's agent; delta_es with its advice switched on throughout, its dearest time."""
+    """The agent of this package; delta_es with its advice switched on throughout, its dearest time."""
     given: dict[str, Any] = {"episodes": 10**9, "epsilon_start": EPSILON, "epsilon_end": EPSILON}
     knowledge, source = None, None
     if agent != "dqn":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +12,12 @@ from trainables.jit import compiled
 
 
 @compiled
-def _best(q: F32, q_src: F32, scale: float) -> int:
-    """argmax_a q + scale A_src, the lowest index on ties; max_b Q_src cancels out of an argmax."""
+def _best(q: F32, q_src: F32, delta: F32, kappa: float) -> int:
+    """argmax_a q + kappa exp(-max_b |delta|) A_src, the lowest index on ties; V_src cancels out of an argmax."""
+    largest = np.float32(0.0)
+    for a in range(len(delta)):
+        largest = max(largest, abs(delta[a]))
+    scale = kappa * math.exp(-largest)
     best, at = q[0] + scale * q_src[0], 0
     for a in range(1, len(q)):
         value = q[a] + scale * q_src[a]
@@ -23,12 +26,7 @@ def _best(q: F32, q_src: F32, scale: float) -> int:
     return at
 
 
-class DeltaStatistics(NamedTuple):
-    """max_a |delta(s,a)| over a set of states."""
-
-    mean: float
-    median: float
-    p90: float
+_NO_DELTA = np.zeros(0, np.float32)
 
 
 class Advice:
@@ -47,10 +45,8 @@ class Advice:
 
     def best(self, q: F32, observation: F32) -> int:
         """The action of eq. (5) where the agent's own values are q (actions,)."""
-        scale = self.kappa
-        if self._delta is not None:
-            scale *= math.exp(-float(np.abs(self._delta.row(observation)).max()))
-        return int(_best(q, self._source.row(observation), scale))
+        delta = _NO_DELTA if self._delta is None else self._delta.row(observation)
+        return int(_best(q, self._source.row(observation), delta, self.kappa))
 
     def rows(self, observations: F32) -> F32:
         """The advice (n, actions) at the observations (n, inputs)."""

@@ -43,14 +43,14 @@ class DeepLearner:
         generator.manual_seed(int(seed_sequence(cell.seed, "network_init", cell.task).generate_state(1)[0]))
         shape = self._env.inputs, self._env.actions
         self._q = new_network(settings, *shape, settings.learning_rate, generator)
-        self._target = new_network(settings, *shape, settings.learning_rate)
+        self._target = new_network(settings, *shape, settings.learning_rate, beside=self._q)
         self._target.load_vector(self._q.vector())
         self._delta: Network | None = None
         if isinstance(settings, DeltaShaping | DeltaPotentialAdvice):
-            self._delta = new_network(settings, *shape, settings.delta_learning_rate, generator)
+            self._delta = new_network(settings, *shape, settings.delta_learning_rate, generator, beside=self._q)
         self._source = self._advice = None
         if source is not None and cell.source is not None:
-            self._source = source_network(source, cell.source.checkpoint, settings, *shape)
+            self._source = source_network(source, cell.source.checkpoint, settings, *shape, self._q)
             steps = int(source.arrays["steps"]) if cell.source.steps is None else cell.source.steps
             self._advice = Advice(self._source, self._delta, _decay(settings, steps))
         self._shapes_reward = isinstance(settings, PotentialAdvice)
@@ -115,11 +115,12 @@ class DeepLearner:
         if replay.sample():  # 9; one minibatch serves both networks
             self._refresh()
             replay.gather()
+        delta_loss = 0.0
         if self._delta is not None:  # 8, eq. (4)
-            self._delta.update(replay.x, replay.chosen, replay.delta[replay.indices])
+            delta_loss = self._delta.update(replay.x, replay.chosen, replay.delta_targets)
         loss = self._q.update(replay.x, replay.chosen, replay.targets)  # 10
-        if not math.isfinite(loss):
-            raise TrainingError(self._cause(loss))
+        if not math.isfinite(loss + delta_loss):
+            raise TrainingError(self._cause(loss + delta_loss))
         self._losses += loss
         self._updates += 1
 

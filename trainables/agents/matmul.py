@@ -7,7 +7,7 @@ All matrices lie in flat arrays and are named by an offset and two strides, coun
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,8 @@ from trainables.agents.vectors import (
     WIDTH,
     WORD,
     copy_panel,
-    dot_lanes,
+    dots1,
+    dots8,
     tile1,
     tile2,
     tile4,
@@ -31,13 +32,39 @@ F32 = NDArray[np.float32]
 
 
 @compiled
-def dot(a: F32, a0: int, b: F32, b0: int, length: int) -> Any:
-    """sum_i a[a0 + i] b[b0 + i]."""
+def dots(rows: int, length: int, a: F32, a0: int, a_row: int, b: F32, b0: int, c: F32, c0: int) -> None:
+    """C (rows,) = A (rows, length) @ b (length,), with the rows of A contiguous."""
     chunks = length // LANES
-    total = dot_lanes(a, a0, b, b0, chunks) if chunks else np.float32(0.0)
-    for i in range(chunks * LANES, length):
-        total += a[a0 + i] * b[b0 + i]
-    return total
+    done, i = chunks * LANES, 0
+    if chunks == 0:
+        c[c0 : c0 + rows] = 0.0
+    else:
+        while rows - i >= 8:
+            dots8(a, a0 + i * a_row, a_row, b, b0, chunks, c, c0 + i)
+            i += 8
+        while rows - i >= 1:
+            dots1(a, a0 + i * a_row, a_row, b, b0, chunks, c, c0 + i)
+            i += 1
+    for row in range(rows if done < length else 0):
+        total = c[c0 + row]
+        for k in range(done, length):
+            total += a[a0 + row * a_row + k] * b[b0 + k]
+        c[c0 + row] = total
+
+
+@compiled
+def norm(a: F32) -> float:
+    """The square root of the sum of squares, in eight chains of LANES sums each."""
+    part = len(a) // (8 * LANES) * LANES
+    sums = np.zeros(9, np.float32)
+    for i in range(8 if part else 0):
+        dots1(a, i * part, 0, a, i * part, part // LANES, sums, i)
+    rest = len(a) - 8 * part
+    dots(1, rest, a, 8 * part, 0, a, 8 * part, sums, 8)
+    total = 0.0
+    for i in range(9):
+        total += sums[i]
+    return math.sqrt(total)
 
 
 @compiled
@@ -93,17 +120,22 @@ def matmul(
     c: F32,
     c0: int,
     c_row: int,
+    c_col: int,
     scratch: F32,
 ) -> None:
-    """C (m, n) = A (m, k) @ B (k, n). scratch: at least (k + m) * WIDTH floats."""
+    """C (m, n) = A (m, k) @ B (k, n). scratch: at least (k + max(m, n)) * WIDTH floats."""
+    if n < m and n < WIDTH:  # full panels of A transposed are less work than a panel of B that is mostly empty
+        m, n = n, m
+        a, a0, a_row, a_k, b, b0, b_k, b_col = b, b0, b_col, b_k, a, a0, a_k, a_row
+        c_row, c_col = c_col, c_row
     edge = k * WIDTH
     for j in range(0, n, WIDTH):
         columns = min(WIDTH, n - j)
         _pack(b, b0 + j * b_col, b_k, b_col, k, columns, scratch)
-        if columns == WIDTH:
+        if columns == WIDTH and c_col == 1:
             _column(m, k, a, a0, a_row, a_k, scratch, c, c0 + j, c_row)
         else:
             _column(m, k, a, a0, a_row, a_k, scratch, scratch, edge, WIDTH)
-            for i in range(m):
-                for at in range(columns):
-                    c[c0 + i * c_row + j + at] = scratch[edge + i * WIDTH + at]
+            for at in range(columns):
+                for i in range(m):
+                    c[c0 + i * c_row + (j + at) * c_col] = scratch[edge + i * WIDTH + at]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.agents.matmul import F32, dot, matmul
+from trainables.agents.matmul import F32, dots, matmul, norm
 from trainables.agents.vectors import WIDTH
 from trainables.jit import compiled
 
@@ -83,7 +83,22 @@ def forward(sizes: I64, parameters: F32, x: F32, stride: int, n: int, work: Work
     for layer in range(layers):
         n_in, n_out = sizes[layer], sizes[layer + 1]
         matmul(
-            n_out, n, n_in, parameters, w0, n_in, 1, source, x0, stride, 1, work.activations, z0, stride, work.scratch
+            n_out,
+            n,
+            n_in,
+            parameters,
+            w0,
+            n_in,
+            1,
+            source,
+            x0,
+            stride,
+            1,
+            work.activations,
+            z0,
+            stride,
+            1,
+            work.scratch,
         )
         w0 += n_in * n_out
         _bias(n_out, n, work.activations, z0, stride, parameters, w0, layer < layers - 1)
@@ -101,8 +116,9 @@ def single(sizes: I64, parameters: F32, x: F32, out: F32) -> int:
     for layer in range(layers):
         n_in, n_out = sizes[layer], sizes[layer + 1]
         b0 = w0 + n_in * n_out
+        dots(n_out, n_in, parameters, w0, n_in, source, x0, out, z0)
         for i in range(n_out):
-            value = dot(parameters, w0 + i * n_in, source, x0, n_in) + parameters[b0 + i]
+            value = out[z0 + i] + parameters[b0 + i]
             out[z0 + i] = np.float32(0.0) if layer < layers - 1 and value <= 0 else value
         w0 = b0 + n_out
         source, x0 = out, z0
@@ -114,7 +130,7 @@ def single(sizes: I64, parameters: F32, x: F32, out: F32) -> int:
 def backward(sizes: I64, parameters: F32, x: F32, batch: int, work: Workspace) -> None:
     """Fill `gradient` from the errors of the last layer, after `forward` of the same batch with stride = batch."""
     layers = len(sizes) - 1
-    w0, z0 = len(parameters), len(work.ones) * 0
+    w0, z0 = len(parameters), 0
     for layer in range(1, layers + 1):
         z0 += sizes[layer] * batch
     for layer in range(layers - 1, -1, -1):
@@ -123,11 +139,10 @@ def backward(sizes: I64, parameters: F32, x: F32, batch: int, work: Workspace) -
         x0 = z0 - n_in * batch if layer else 0
         below = work.activations if layer else x
         w0 -= n_out
-        for i in range(n_out):
-            work.gradient[w0 + i] = dot(work.errors, z0 + i * batch, work.ones, 0, batch)
+        dots(n_out, batch, work.errors, z0, batch, work.ones, 0, work.gradient, w0)
         w0 -= n_in * n_out
         matmul(
-            n_out, n_in, batch, work.errors, z0, batch, 1, below, x0, 1, batch, work.gradient, w0, n_in, work.scratch
+            n_out, n_in, batch, work.errors, z0, batch, 1, below, x0, 1, batch, work.gradient, w0, n_in, 1, work.scratch
         )
         if layer:
             matmul(
@@ -145,6 +160,7 @@ def backward(sizes: I64, parameters: F32, x: F32, batch: int, work: Workspace) -
                 work.errors,
                 x0,
                 batch,
+                1,
                 work.scratch,
             )
             error, active = work.errors[x0 : x0 + n_in * batch], below[x0 : x0 + n_in * batch]
@@ -155,8 +171,7 @@ def backward(sizes: I64, parameters: F32, x: F32, batch: int, work: Workspace) -
 @compiled
 def adam(parameters: F32, first: F32, second: F32, gradient: F32, step: int, rate: float, max_norm: float) -> None:
     """Adam's step number `step` (from 1) with the gradient scaled down to the norm `max_norm`, as torch does both."""
-    norm = math.sqrt(dot(gradient, 0, gradient, 0, len(gradient)))
-    scale = np.float32(min(max_norm / (norm + 1e-6), 1.0))
+    scale = np.float32(min(max_norm / (norm(gradient) + 1e-6), 1.0))
     keep1, keep2 = np.float32(1 - BETA1), np.float32(1 - BETA2)
     decay2, epsilon = np.float32(BETA2), np.float32(EPSILON)
     root = np.float32(1 / math.sqrt(1 - BETA2**step))

@@ -35,8 +35,9 @@ def new_network(
     learning_rate: float,
     generator: torch.Generator | None = None,
     hidden: tuple[int, ...] | None = None,
+    beside: Network | None = None,
 ) -> Network:
-    """A network for these settings; `hidden` takes the place of their layers."""
+    """A network for these settings; `hidden` takes the place of their layers. beside: as `QNetwork` has it."""
     huber = settings.loss == "huber"
     if settings.module or settings.device != "cpu":
         from trainables.agents.torch_network import TorchNetwork
@@ -50,6 +51,7 @@ def new_network(
         max_gradient_norm=settings.max_gradient_norm,
         huber=huber,
         generator=generator,
+        beside=beside if isinstance(beside, QNetwork) else None,
     )
 
 
@@ -58,7 +60,9 @@ def layer_sizes(network: Network) -> NDArray[np.int64]:
     return network.sizes if isinstance(network, QNetwork) else np.zeros(0, np.int64)
 
 
-def source_network(knowledge: Knowledge, checkpoint: str, settings: DQN, inputs: int, actions: int) -> Network:
+def source_network(
+    knowledge: Knowledge, checkpoint: str, settings: DQN, inputs: int, actions: int, beside: Network | None = None
+) -> Network:
     """The network that a source's knowledge holds: its `checkpoint` 'last' or 'best'.
 
     Raises InputError where the knowledge is not a deep agent's, not finite, or of another shape than the task.
@@ -76,7 +80,7 @@ def source_network(knowledge: Knowledge, checkpoint: str, settings: DQN, inputs:
         raise InputError("the source's network is of another kind than the agent's `module`")
     if not np.isfinite(vector).all():
         raise InputError("the source's network holds a NaN or an infinity")
-    network = new_network(settings, inputs, actions, 1.0, hidden=tuple(sizes[1:-1]) if sizes else None)
+    network = new_network(settings, inputs, actions, 1.0, hidden=tuple(sizes[1:-1]) if sizes else None, beside=beside)
     if len(vector) != len(network.vector()):
         raise InputError(f"the source's network has {len(vector)} parameters, but {len(network.vector())} are needed")
     network.load_vector(vector)

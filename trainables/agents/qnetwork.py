@@ -29,14 +29,23 @@ class QNetwork:
         max_gradient_norm: float = 10.0,
         huber: bool = False,
         generator: torch.Generator | None = None,
+        beside: QNetwork | None = None,
     ) -> None:
-        """sizes: inputs, hidden layers, actions. generator: draws the Xavier weights; without one they are 0."""
+        """sizes: inputs, hidden layers, actions. generator: draws the Xavier weights; without one they are 0.
+
+        beside: a network of the same thread whose room for intermediate results this one shares if it is as large,
+        so that two networks trained in turn leave each other more of the cache.
+        """
         self.sizes = np.array(sizes, dtype=np.int64)
         self.parameters = mlp.aligned(mlp.parameter_count(self.sizes))
         self.first, self.second = (mlp.aligned(len(self.parameters)) for _ in range(2))
         self.updates = 0
         self._settings = learning_rate, max_gradient_norm, huber
-        self._work = mlp.workspace(self.sizes, max(batch_size, 64))
+        self._work: mlp.Workspace
+        if beside is not None and np.array_equal(beside.sizes, self.sizes):
+            self._work = beside._work
+        else:
+            self._work = mlp.workspace(self.sizes, max(batch_size, 64))
         self._trained = self.sizes, self.parameters, self.first, self.second, *self._work[:4], self._work.ones
         self._rows = mlp.aligned(int(self.sizes[0]) * len(self._work.ones))
         self._row = mlp.aligned(int(self.sizes[1:].sum()))

@@ -25,10 +25,12 @@ def _gather(
     rewards: F32,
     future: F32,
     advice: F32,
+    delta: F32,
     indices: I64,
     x: F32,
     chosen: I64,
     targets: F32,
+    delta_targets: F32,
     size: int,
     head: int,
     stale: int,
@@ -46,6 +48,7 @@ def _gather(
             x[k * batch + j] = observations[i, k]
         chosen[j] = actions[i]
         targets[j] = rewards[i] - advice[i] + future[i]
+        delta_targets[j] = delta[i]
     return found
 
 
@@ -68,7 +71,7 @@ class Replay:
         self.x = np.zeros(inputs * batch_size, np.float32)
         """Observations of the minibatch, (inputs, batch), flat."""
         self.chosen = np.zeros(batch_size, np.int64)
-        self.targets = np.zeros(batch_size, np.float32)
+        self.targets, self.delta_targets = (np.zeros(batch_size, np.float32) for _ in range(2))
         self._capacity, self._rng = capacity, rng
         self.indices = np.zeros(batch_size, np.int64)
         self._drawn = np.zeros((0, batch_size), np.int64)
@@ -103,8 +106,8 @@ class Replay:
         drawn = self._drawn[self._next]
         return bool(
             _gather(
-                drawn, self.observations, self.actions, self.rewards, self.future, self.advice, self.indices,
-                self.x, self.chosen, self.targets, self.size, self.head, self.stale,
+                drawn, self.observations, self.actions, self.rewards, self.future, self.advice, self.delta,
+                self.indices, self.x, self.chosen, self.targets, self.delta_targets, self.size, self.head, self.stale,
             )
         )  # fmt: skip
 

@@ -133,35 +133,56 @@ def _tile(rows: int) -> Any:
 tile8, tile4, tile2, tile1 = (_tile(min(rows, ROWS)) for rows in (8, 4, 2, 1))
 
 
-@_intrinsic
-def dot_lanes(typing: Any, a: Any, a0: Any, b: Any, b0: Any, chunks: Any) -> Any:
-    """sum_i a[a0 + i] b[b0 + i] over chunks * LANES elements: one chain for each lane, then the lanes in pairs."""
+def _pairwise(builder: Any, total: Any) -> Any:
+    """The sum of a vector: its halves added, and again until one number is left."""
+    half = LANES // 2
+    while half:
+        upper = ir.Constant(ir.VectorType(ir.IntType(32), half), list(range(half, 2 * half)))
+        lower = ir.Constant(ir.VectorType(ir.IntType(32), half), list(range(half)))
+        undefined = ir.Constant(total.type, ir.Undefined)
+        total = builder.fadd(
+            builder.shuffle_vector(total, undefined, lower), builder.shuffle_vector(total, undefined, upper)
+        )
+        half //= 2
+    return builder.extract_element(total, ir.Constant(ir.IntType(32), 0))
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        a, a0, b, b0, chunks = args
-        vector = ir.VectorType(ir.FloatType(), LANES)
-        fma = _vector_fma(builder, vector)
-        a_at = _pointer(context, builder, signature.args[0], a, a0)
-        b_at = _pointer(context, builder, signature.args[2], b, b0)
 
-        def body(index: Any, sums: list[Any]) -> list[Any]:
-            at = builder.mul(index, ir.Constant(chunks.type, LANES))
-            x, y = (_load(builder, builder.gep(p, [at]), vector) for p in (a_at, b_at))
-            return [builder.call(fma, [x, y, sums[0]])]
+def _dots(rows: int) -> Any:
+    """The intrinsic dots(a, a0, a_row, b, b0, chunks, c, c0): c (rows,) = A (rows, chunks * LANES) @ b.
 
-        (total,) = _loop(builder, chunks, [_zero(vector)], body)
-        half = LANES // 2
-        while half:
-            upper = ir.Constant(ir.VectorType(ir.IntType(32), half), list(range(half, 2 * half)))
-            lower = ir.Constant(ir.VectorType(ir.IntType(32), half), list(range(half)))
-            undefined = ir.Constant(total.type, ir.Undefined)
-            total = builder.fadd(
-                builder.shuffle_vector(total, undefined, lower), builder.shuffle_vector(total, undefined, upper)
-            )
-            half //= 2
-        return builder.extract_element(total, ir.Constant(ir.IntType(32), 0))
+    Each row has one chain of sums for every lane; the lanes are then added in pairs.
+    """
 
-    return types.float32(a, types.intp, b, types.intp, types.intp), codegen
+    @_intrinsic
+    def dots(typing: Any, a: Any, a0: Any, a_row: Any, b: Any, b0: Any, chunks: Any, c: Any, c0: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            a, a0, a_row, b, b0, chunks, c, c0 = args
+            vector, number = ir.VectorType(ir.FloatType(), LANES), a_row.type
+            fma = _vector_fma(builder, vector)
+            a_at = _pointer(context, builder, signature.args[0], a, a0)
+            b_at = _pointer(context, builder, signature.args[3], b, b0)
+            c_at = _pointer(context, builder, signature.args[6], c, c0)
+
+            def body(index: Any, sums: list[Any]) -> list[Any]:
+                at = builder.mul(index, ir.Constant(number, LANES))
+                y = _load(builder, builder.gep(b_at, [at]), vector)
+                out = []
+                for r, total in enumerate(sums):
+                    place = builder.add(at, builder.mul(a_row, ir.Constant(number, r)))
+                    out.append(builder.call(fma, [_load(builder, builder.gep(a_at, [place]), vector), y, total]))
+                return out
+
+            for r, total in enumerate(_loop(builder, chunks, [_zero(vector)] * rows, body)):
+                builder.store(_pairwise(builder, total), builder.gep(c_at, [ir.Constant(number, r)]))
+            return context.get_dummy_value()
+
+        size = types.intp
+        return types.void(a, size, size, b, size, size, c, size), codegen
+
+    return dots
+
+
+dots8, dots1 = _dots(8), _dots(1)
 
 
 @_intrinsic

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trainables.agents.matmul import dot, matmul
+from trainables.agents.matmul import dots, matmul, norm
 from trainables.agents.vectors import WIDTH
 
 SIZES = st.integers(1, 70)
@@ -20,8 +20,8 @@ def product(a: np.ndarray, b: np.ndarray, layout: str) -> np.ndarray:
     flat_b = np.ascontiguousarray(b if layout[1] == "n" else b.T).ravel()
     strides_a = (k, 1) if layout[0] == "n" else (1, m)
     strides_b = (n, 1) if layout[1] == "n" else (1, k)
-    c, scratch = np.full(m * n + 1, np.nan, np.float32), np.full((k + m) * WIDTH, np.nan, np.float32)
-    matmul(m, n, k, flat_a, 0, *strides_a, flat_b, 0, *strides_b, c, 0, n, scratch)
+    c, scratch = np.full(m * n + 1, np.nan, np.float32), np.full((k + max(m, n)) * WIDTH, np.nan, np.float32)
+    matmul(m, n, k, flat_a, 0, *strides_a, flat_b, 0, *strides_b, c, 0, n, 1, scratch)
     assert np.isnan(c[-1]), "wrote beyond the result"
     return c[:-1].reshape(m, n)
 
@@ -50,8 +50,21 @@ def test_each_element_is_one_chain_whatever_the_layout_and_the_other_columns() -
 
 
 @pytest.mark.parametrize("length", [1, 15, 16, 17, 64, 250])
-def test_a_dot_product_equals_numpys(length: int) -> None:
+@pytest.mark.parametrize("rows", [1, 7, 8, 19])
+def test_dot_products_equal_numpys_and_do_not_depend_on_the_other_rows(rows: int, length: int) -> None:
     rng = np.random.default_rng(length)
-    a, b = (rng.standard_normal(length + 3).astype(np.float32) for _ in range(2))
-    expected = float(a[2 : 2 + length].astype(np.float64) @ b[1 : 1 + length])
-    assert dot(a, 2, b, 1, length) == pytest.approx(expected, abs=1e-6 * length)
+    a, b = rng.standard_normal(rows * length + 2).astype(np.float32), rng.standard_normal(length + 1).astype(np.float32)
+    c, alone = np.full(rows + 1, np.nan, np.float32), np.zeros(1, np.float32)
+    dots(rows, length, a, 2, length, b, 1, c, 0)
+    expected = a[2:].reshape(rows, length).astype(np.float64) @ b[1:]
+    np.testing.assert_allclose(c[:-1], expected, atol=1e-6 * length)
+    assert np.isnan(c[-1])
+    for row in range(rows):
+        dots(1, length, a, 2 + row * length, length, b, 1, alone, 0)
+        assert alone[0] == c[row]
+
+
+@pytest.mark.parametrize("length", [1, 127, 128, 386, 5000])
+def test_a_norm_equals_numpys(length: int) -> None:
+    a = np.random.default_rng(length).standard_normal(length).astype(np.float32)
+    assert norm(a) == pytest.approx(float(np.linalg.norm(a.astype(np.float64))), rel=1e-6)
