@@ -51,7 +51,7 @@ class Environment:
     def _vector(self, observation: Any) -> F32:
         if not self._plain:
             observation = gymnasium.spaces.flatten(self._space, observation)
-        return np.asarray(observation, dtype=np.float32)
+        return np.array(observation, dtype=np.float32)
 
 
 def _unwrap(env: gymnasium.Env) -> tuple[gymnasium.Env, int]:

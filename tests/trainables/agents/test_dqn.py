@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -80,6 +84,29 @@ def test_the_same_cell_gives_the_same_bits_and_another_seed_does_not(agent: str,
     assert curve(first) == curve(second)
     assert first.knowledge().digest == second.knowledge().digest
     assert curve(first) != curve(other)
+
+
+def test_another_process_with_other_thread_settings_gives_the_same_bits(source: Knowledge, tmp_path: Path) -> None:
+    here = begin("delta_es", source)
+    list(here)
+    np.savez(tmp_path / "source.npz", **source.arrays)
+    (tmp_path / "cell.json").write_text(json.dumps(here.cell.to_json()))
+    code = (
+        "import json, sys, numpy as np\n"
+        "from trainables.threads import one_thread\n"
+        "from trainables.cell import Cell\n"
+        "from trainables.knowledge import Knowledge\n"
+        "from trainables.training import train\n"
+        "one_thread()\n"
+        "cell = Cell.from_json(json.load(open('cell.json')))\n"
+        "training = train(cell, Knowledge(dict(np.load('source.npz'))))\n"
+        "list(training); print(training.knowledge().digest)"
+    )
+    environment = os.environ | {"PYTHONPATH": os.getcwd(), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == here.knowledge().digest
 
 
 @pytest.mark.parametrize("agent", DEEP)
