@@ -123,7 +123,7 @@ def matmul(
     c_col: int,
     scratch: F32,
 ) -> None:
-    """C (m, n) = A (m, k) @ B (k, n). scratch: at least (k + max(m, n)) * WIDTH floats."""
+    """C (m, n) = A (m, k) @ B (k, n). scratch: at least (k + max(m, n)) * MOST_WIDTH floats."""
     if n < m and n < WIDTH:  # full panels of A transposed are less work than a panel of B that is mostly empty
         m, n = n, m
         a, a0, a_row, a_k, b, b0, b_k, b_col = b, b0, b_col, b_k, a, a0, a_k, a_row

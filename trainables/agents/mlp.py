@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trainables.agents.matmul import F32, dots, matmul, norm
-from trainables.agents.vectors import WIDTH
+from trainables.agents.vectors import MOST_WIDTH
 from trainables.jit import compiled
 
 I64 = NDArray[np.int64]
@@ -55,7 +55,7 @@ def workspace(sizes: I64, batch: int) -> Workspace:
     """Room for batches of up to `batch`."""
     room = int(sizes[1:].sum()) * batch
     largest = max(int(sizes.max()), batch)
-    scratch = aligned(2 * largest * WIDTH)
+    scratch = aligned(2 * largest * MOST_WIDTH)
     return Workspace(aligned(room), aligned(room), aligned(parameter_count(sizes)), scratch, np.ones(batch, np.float32))
 
 

@@ -53,6 +53,7 @@ class QNetwork:
             self._initialise(generator)
 
     def _initialise(self, generator: torch.Generator) -> None:
+        """Xavier (Glorot) uniform weights; the biases stay 0."""
         for weight in (w for w in self.as_module().parameters() if w.ndim == 2):
             nn.init.xavier_uniform_(weight, generator=generator)
 

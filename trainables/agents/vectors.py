@@ -37,6 +37,9 @@ ROWS, VECTORS, WORD = _host_tile()
 WIDTH = VECTORS * WORD
 """Columns of a packed panel."""
 
+MOST_WIDTH = 32
+"""Columns of the widest panel of any machine. Room is made for that: kernels in a shared cache may be another one's."""
+
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, offset: Any) -> Any:
     data = context.make_array(array_type)(context, builder, array).data

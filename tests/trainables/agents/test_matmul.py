@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trainables.agents.matmul import dots, matmul, norm
-from trainables.agents.vectors import WIDTH
+from trainables.agents.vectors import MOST_WIDTH
 
 SIZES = st.integers(1, 70)
 
@@ -20,7 +20,7 @@ def product(a: np.ndarray, b: np.ndarray, layout: str) -> np.ndarray:
     flat_b = np.ascontiguousarray(b if layout[1] == "n" else b.T).ravel()
     strides_a = (k, 1) if layout[0] == "n" else (1, m)
     strides_b = (n, 1) if layout[1] == "n" else (1, k)
-    c, scratch = np.full(m * n + 1, np.nan, np.float32), np.full((k + max(m, n)) * WIDTH, np.nan, np.float32)
+    c, scratch = np.full(m * n + 1, np.nan, np.float32), np.full((k + max(m, n)) * MOST_WIDTH, np.nan, np.float32)
     matmul(m, n, k, flat_a, 0, *strides_a, flat_b, 0, *strides_b, c, 0, n, 1, scratch)
     assert np.isnan(c[-1]), "wrote beyond the result"
     return c[:-1].reshape(m, n)
