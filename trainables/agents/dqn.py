@@ -17,9 +17,10 @@ from trainables.agents.environment import Environment
 from trainables.agents.greedy import greedy_returns
 from trainables.agents.hyperparameters import DQN, DeltaPotentialAdvice, DeltaShaping, ExplicitShaping, PotentialAdvice
 from trainables.agents.matmul import F32
-from trainables.agents.network import Network, layer_sizes, new_network, source_network
+from trainables.agents.network import Network, new_network, source_network
 from trainables.agents.replay import Replay
 from trainables.cell import Cell
+from trainables.errors import InputError
 from trainables.evaluation import EvalPoint
 from trainables.knowledge import Knowledge
 from trainables.streams import seed_sequence, stream
@@ -39,9 +40,19 @@ class DeepLearner:
         self._rngs = {
             role: stream(cell.seed, role, cell.task) for role in ("training_env", "evaluation_env", "exploration")
         }
+        self._build_networks(cell, source)
+        replay_rng = stream(cell.seed, "replay", cell.task)
+        self._replay = Replay(settings.replay_capacity, self._env.inputs, settings.batch_size, replay_rng)
+        self._evaluation_envs: list[Environment] = []
+        self._episode = self._steps = 0
+        self._losses, self._updates, self._returns, self._since = 0.0, 0, 0.0, 0  # since the last evaluation
+        self._best, self._best_return = self._q.vector(), -math.inf
+
+    def _build_networks(self, cell: Cell, source: Knowledge | None) -> None:
+        """Line 2 of Algorithm 2, the target network, and the source's."""
+        settings, shape = self._settings, (self._env.inputs, self._env.actions)
         generator = torch.Generator()
         generator.manual_seed(int(seed_sequence(cell.seed, "network_init", cell.task).generate_state(1)[0]))
-        shape = self._env.inputs, self._env.actions
         self._q = new_network(settings, *shape, settings.learning_rate, generator)
         self._target = new_network(settings, *shape, settings.learning_rate, beside=self._q)
         self._target.load_vector(self._q.vector())
@@ -54,14 +65,6 @@ class DeepLearner:
             steps = int(source.arrays["steps"]) if cell.source.steps is None else cell.source.steps
             self._advice = Advice(self._source, self._delta, _decay(settings, steps))
         self._shapes_reward = isinstance(settings, PotentialAdvice)
-        replay_rng = stream(cell.seed, "replay", cell.task)
-        self._replay = Replay(settings.replay_capacity, self._env.inputs, settings.batch_size, replay_rng)
-        self._evaluation_envs: list[Environment] = []
-        self._episode = self._steps = 0
-        self._losses, self._updates, self._returns = 0.0, 0, 0.0
-        self._since = 0
-        self._best = self._q.vector()
-        self._best_return = -math.inf
 
     @property
     def steps(self) -> int:
@@ -197,7 +200,7 @@ class DeepLearner:
         """The last and the best-evaluated Q, for a later transfer."""
         return Knowledge(
             {
-                "sizes": layer_sizes(self._q),
+                "sizes": self._q.sizes.copy(),
                 "last": self._q.vector(),
                 "best": self._best.copy(),
                 "best_return": np.array(self._best_return),
@@ -238,7 +241,11 @@ class DeepLearner:
 
 def _decay(settings: DQN, steps: int) -> float:
     """C of eq. (6), so that the advice ends after the share `advice_fraction` of the source run's steps; 0: never."""
-    return 1.0 / (settings.advice_fraction * steps) if isinstance(settings, ExplicitShaping) else 0.0
+    if not isinstance(settings, ExplicitShaping):
+        return 0.0
+    if steps < 1:
+        raise InputError(f"the source run must have taken at least one step (got {steps})")
+    return 1.0 / (settings.advice_fraction * steps)
 
 
 def _chosen(values: F32, actions: Any) -> F32:

@@ -19,6 +19,9 @@ from trainables.knowledge import Knowledge
 class Network(Protocol):
     """Q(s, .) with its optimiser; `QNetwork` says what each method does."""
 
+    sizes: NDArray[np.int64]
+    """Inputs, hidden layers, actions; empty for a module of the user's own, whose shape only its factory knows."""
+
     def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float: ...  # noqa: D102
     def row(self, observation: F32) -> F32: ...  # noqa: D102
     def rows(self, observations: F32) -> F32: ...  # noqa: D102
@@ -38,26 +41,20 @@ def new_network(
     beside: Network | None = None,
 ) -> Network:
     """A network for these settings; `hidden` takes the place of their layers. beside: as `QNetwork` has it."""
-    huber = settings.loss == "huber"
+    layers = (settings.hidden_size,) * settings.hidden_layers if hidden is None else hidden
     if settings.module or settings.device != "cpu":
         from trainables.agents.torch_network import TorchNetwork
 
-        return TorchNetwork(settings, inputs, actions, learning_rate, generator)
-    layers = (settings.hidden_size,) * settings.hidden_layers if hidden is None else hidden
+        return TorchNetwork(settings, inputs, actions, learning_rate, generator, layers)
     return QNetwork(
         (inputs, *layers, actions),
         settings.batch_size,
         learning_rate,
         max_gradient_norm=settings.max_gradient_norm,
-        huber=huber,
+        huber=settings.loss == "huber",
         generator=generator,
         beside=beside if isinstance(beside, QNetwork) else None,
     )
-
-
-def layer_sizes(network: Network) -> NDArray[np.int64]:
-    """Inputs, hidden layers and actions; empty for a torch module, whose shape only its factory knows."""
-    return network.sizes if isinstance(network, QNetwork) else np.zeros(0, np.int64)
 
 
 def source_network(

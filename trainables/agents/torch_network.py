@@ -21,13 +21,24 @@ class TorchNetwork:
     """`QNetwork`'s methods on any torch module, any device."""
 
     def __init__(
-        self, settings: DQN, inputs: int, actions: int, learning_rate: float, generator: torch.Generator | None
+        self,
+        settings: DQN,
+        inputs: int,
+        actions: int,
+        learning_rate: float,
+        generator: torch.Generator | None,
+        hidden: tuple[int, ...] = (),
     ) -> None:
-        """Raises InputError where there is no GPU or no such module factory, or the module's output does not fit."""
+        """hidden: units of each hidden layer of the built-in perceptron, where the settings name no module.
+
+        Raises InputError where there is no GPU or no such module factory, or the module's output does not fit.
+        """
         if settings.device == "cuda" and not torch.cuda.is_available():
             raise InputError("device 'cuda' was asked for, but torch finds no GPU")
         self._device = torch.device(settings.device)
-        module = _module(settings, inputs, actions)
+        sizes = () if settings.module else (inputs, *hidden, actions)
+        self.sizes = np.array(sizes, dtype=np.int64)
+        module = _factory(settings.module)(inputs, actions) if settings.module else _perceptron(sizes)
         if generator is not None:
             _initialise(module, generator)
         self.module = module.to(self._device)
@@ -93,10 +104,7 @@ class TorchNetwork:
         return torch.from_numpy(array).to(self._device)
 
 
-def _module(settings: DQN, inputs: int, actions: int) -> nn.Module:
-    if settings.module:
-        return _factory(settings.module)(inputs, actions)
-    sizes = (inputs, *(settings.hidden_size,) * settings.hidden_layers, actions)
+def _perceptron(sizes: tuple[int, ...]) -> nn.Module:
     layers: list[nn.Module] = []
     for n_in, n_out in itertools.pairwise(sizes):
         layers += [nn.Linear(n_in, n_out), nn.ReLU()]

@@ -264,6 +264,11 @@ def test_a_source_that_does_not_fit_is_refused(change: dict[str, Any], says: str
         begin("es", Knowledge(arrays))
 
 
+def test_a_source_run_without_steps_is_refused(source: Knowledge) -> None:
+    with pytest.raises(InputError, match="at least one step"):
+        begin("es", source, origin={"steps": 0})
+
+
 def test_a_source_with_other_hidden_layers_fits(source: Knowledge) -> None:
     assert len(list(begin("delta_es", source, hidden_size=24))) == 4
 

@@ -94,7 +94,8 @@ def test_a_nan_is_not_hidden_by_the_relu() -> None:
 def test_the_torch_path_learns_the_same() -> None:
     settings = DQN(hidden_size=32, batch_size=16)
     generator = torch.Generator().manual_seed(3)
-    theirs = TorchNetwork(settings, 4, 2, 1e-3, generator)
+    theirs = TorchNetwork(settings, 4, 2, 1e-3, generator, (32, 32))
+    assert theirs.sizes.tolist() == [4, 32, 32, 2]
     ours = QNetwork((4, 32, 32, 2), 16, 1e-3, generator=torch.Generator().manual_seed(3))
     np.testing.assert_array_equal(theirs.vector(), ours.vector())
     rng = np.random.default_rng(0)
