@@ -1,1 +1,1 @@
-"""Measurements run by hand: speed against public peers, results against the figures of the specification."""
+"""Speed measurements against public peers and anchors of results, run by hand."""

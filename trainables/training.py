@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib import import_module
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from trainables.agents import agent_named
 from trainables.cell import Cell
@@ -28,6 +28,17 @@ class Learner(Protocol):
 
     def knowledge(self) -> Knowledge:
         """What has been learned so far."""
+
+
+@runtime_checkable
+class Resumable(Learner, Protocol):
+    """A learner whose whole state can be saved between two evaluations."""
+
+    def state(self) -> dict[str, Any]:
+        """Arrays and plain data that `checkpoint.save` accepts."""
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned; what follows is equal bit for bit."""
 
 
 class TrainingError(RuntimeError):
@@ -63,6 +74,31 @@ class Training(Iterator[EvalPoint]):
     def knowledge(self) -> Knowledge:
         """What the agent has learned so far: after the last point, the source knowledge of a later transfer."""
         return self._learner.knowledge()
+
+    @property
+    def resumable(self) -> bool:
+        """Whether `state` and `restore` work: the deep agents' do; a tabular cell takes less than a second."""
+        return isinstance(self._learner, Resumable)
+
+    def state(self) -> dict[str, Any]:
+        """Everything needed to go on after the last point, for `checkpoint.save`."""
+        assert isinstance(self._learner, Resumable)
+        seconds = time.perf_counter() - self._started
+        return {
+            "cell": self.cell.id,
+            "episodes": self._episodes,
+            "seconds": seconds,
+            "learner": self._learner.state(),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` returned. Raises InputError where it is another cell's."""
+        assert isinstance(self._learner, Resumable)
+        if state["cell"] != self.cell.id:
+            raise InputError(f"the checkpoint is of cell {state['cell']}, not of {self.cell.id}")
+        self._episodes = state["episodes"]
+        self._started = time.perf_counter() - state["seconds"]
+        self._learner.restore(state["learner"])
 
 
 def train(cell: Cell, source: Knowledge | None = None) -> Training:

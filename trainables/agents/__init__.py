@@ -56,6 +56,7 @@ class Agent:
 
 
 _LEARNER = "trainables.agents.q_learning:TabularLearner"
+_DEEP = "trainables.agents.dqn:DeepLearner"
 
 AGENTS: dict[str, Agent] = {
     agent.name: agent
@@ -76,6 +77,18 @@ AGENTS: dict[str, Agent] = {
             hp.ConfidenceGate,
             "q_learning",
             _LEARNER,
+        ),
+        Agent("dqn", "deep Q-learning without transfer", hp.DQN, None, _DEEP, "deep"),
+        Agent("es", "explicit shaping: acts on Q + kappa A_src", hp.ExplicitShaping, "dqn", _DEEP, "deep"),
+        Agent("delta_es", "Algorithm 2: explicit shaping scaled by delta", hp.DeltaShaping, "dqn", _DEEP, "deep"),
+        Agent("dpba", "potential-based advice: reward shaping by A_src", hp.PotentialAdvice, "dqn", _DEEP, "deep"),
+        Agent(
+            "delta_dpba",
+            "potential-based advice scaled by delta",
+            hp.DeltaPotentialAdvice,
+            "dqn",
+            _DEEP,
+            "deep",
         ),
         Agent("q_warm_start", "Q-learning that starts from Q_src", hp.Transfer, "q_learning", _LEARNER),
     )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Rate = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
@@ -73,3 +73,72 @@ class ConfidenceGate(Transfer):
     """Visits before a pair counts."""
     sd_floor: Positive = 0.3
     """se = max(sd, sd_floor) / sqrt(n)."""
+
+
+class DQN(Hyperparameters):
+    """Deep Q-learning (Table 6); a task brings the paper's own values for it."""
+
+    evaluate_every: Count = 100
+    """Episodes between greedy evaluations; one is made before training and one after the last episode."""
+    evaluation_episodes: Count = 50
+    """Greedy episodes of one evaluation."""
+    learning_rate: Rate = 1e-4
+    """Adam's step size."""
+    hidden_layers: Count = 2
+    hidden_size: Count = 256
+    """Units of each hidden layer, with ReLU."""
+    batch_size: Count = 128
+    """Transitions of one update; one update is made per environment step once that many are there."""
+    replay_capacity: Count = 10_000
+    """Transitions that are remembered; the oldest are overwritten."""
+    target_update: Count = 1000
+    """Environment steps between copies to the target network."""
+    max_gradient_norm: Positive = 10.0
+    """The gradient is scaled down to this norm."""
+    loss: Literal["squared", "huber"] = "squared"
+    """Of the TD error."""
+    epsilon_start: Probability = 1.0
+    epsilon_end: Probability = 0.01
+    epsilon_decay: Positive = 500.0
+    """epsilon = epsilon_end + (epsilon_start - epsilon_end) exp(-n / epsilon_decay)."""
+    epsilon_unit: Literal["episodes", "steps"] = "episodes"
+    """What n counts: with episodes DQN's results are the paper's, with steps they are not."""
+    truncation: Literal["bootstrap", "terminal"] = "bootstrap"
+    """Whether the step that reaches the time limit bootstraps or is learned from as if it were terminal."""
+    module: str = ""
+    """`module:factory` of a torch module, called as factory(inputs, actions); empty: the built-in perceptron."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where torch computes; the built-in perceptron on the CPU is the compiled one."""
+
+    @model_validator(mode="after")
+    def _batch_fits(self) -> Self:
+        if self.batch_size > self.replay_capacity:
+            raise ValueError(f"batch_size {self.batch_size} must be at most replay_capacity {self.replay_capacity}")
+        return self
+
+
+class ExplicitShaping(DQN):
+    """Explicit shaping: acts on Q(s,a) - kappa_t Phi(s,a), eq. (3), with Phi = -A_src."""
+
+    advice_fraction: Rate = 0.25
+    """C = 1 / (advice_fraction T): the share of T, the source run's steps, until kappa is 0 (eq. 6)."""
+    evaluation_policy: Literal["q", "shaped"] = "q"
+    """What greedy evaluation follows: Q alone, or what the agent acts on."""
+
+
+class DeltaShaping(ExplicitShaping):
+    """Algorithm 2: explicit shaping with the factor exp(-max_a |delta(s,a)|), eq. (5)."""
+
+    delta_learning_rate: Rate = 5e-4
+    """alpha_d, the step size of the delta network (Table 7)."""
+
+
+class PotentialAdvice(DQN):
+    """Potential-based advice: the reward is shaped by the potential A_src of state and action."""
+
+
+class DeltaPotentialAdvice(PotentialAdvice):
+    """Potential-based advice with the potential exp(-max_a |delta(s,a)|) A_src(s,a), which follows delta."""
+
+    delta_learning_rate: Rate = 5e-4
+    """alpha_d, the step size of the delta network (Table 7)."""

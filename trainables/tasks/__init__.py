@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 
 from trainables.errors import InputError, unknown
+from trainables.tasks import gym_task
 from trainables.tasks.task import ContextFeature, Task, TaskFamily, Value, split_features
 
 __all__ = ["ContextFeature", "Task", "TaskFamily", "Value", "families", "parse_task"]
@@ -13,22 +14,20 @@ __all__ = ["ContextFeature", "Task", "TaskFamily", "Value", "families", "parse_t
 @functools.cache
 def families() -> dict[str, TaskFamily]:
     """The registered task families by name."""
-    from trainables.tasks import supply_chain, windy_gridworld
+    from trainables.tasks import acrobot, cartpole, lunar_lander, reacher, supply_chain, windy_gridworld
 
-    return {family.name: family for family in (windy_gridworld.FAMILY, supply_chain.FAMILY)}
+    modules = (windy_gridworld, supply_chain, cartpole, acrobot, lunar_lander, reacher)
+    return {module.FAMILY.name: module.FAMILY for module in modules}
 
 
 @functools.lru_cache(maxsize=1024)
 def parse_task(text: str) -> Task:
-    """The task called NAME[:FEATURE=VALUE,...].
+    """The task called NAME[:FEATURE=VALUE,...], or gym:ENV_ID[:attribute.path=VALUE,...].
 
     Raises InputError for an unknown name or feature (with the list of what there is), a value out of its
     range, and a feature that is given twice.
     """
-    name, _, features = text.strip().partition(":")
-    if name not in families():
-        raise unknown("task", name, families())
-    family = families()[name]
+    family, features = _family(text.strip())
     values: dict[str, Value] = {}
     for part in split_features(features):
         key, equals, value = part.partition("=")
@@ -42,3 +41,15 @@ def parse_task(text: str) -> Task:
     task = Task(family, changed)
     family.check(task.context)
     return task
+
+
+def _family(text: str) -> tuple[TaskFamily, str]:
+    """The family that `text` names, and the text of its features."""
+    if text.startswith(f"{gym_task.PREFIX}:"):
+        name, features = gym_task.split(text)
+        paths = tuple(part.partition("=")[0].strip() for part in split_features(features))
+        return gym_task.family(name, paths), features
+    name, _, features = text.partition(":")
+    if name not in families():
+        raise unknown("task", name, families())
+    return families()[name], features

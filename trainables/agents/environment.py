@@ -1,0 +1,64 @@
+"""A task's environment as the deep agents step it: float32 vectors, whole numbers as actions, no wrapper in between."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
+
+from trainables.agents.matmul import F32
+from trainables.errors import InputError
+
+
+class _Unchecked(Discrete):
+    """Actions that come from an argmax are in range: the check that every step makes costs as much as its physics."""
+
+    def contains(self, x: Any) -> bool:
+        return True
+
+
+class Environment:
+    """One environment. Each episode begins from its own seed, so no state but the caller's outlives an episode."""
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        """Raises InputError for actions that are not discrete."""
+        if not isinstance(env.action_space, Discrete):
+            raise InputError(f"the environment's actions are not discrete ({env.action_space})")
+        self.actions = int(env.action_space.n)
+        self._first = int(env.action_space.start)
+        self._space = env.observation_space
+        self.inputs = int(gymnasium.spaces.flatdim(self._space))
+        self._plain = isinstance(self._space, Box) and self._space.shape == (self.inputs,)
+        self._env, self.time_limit = _unwrap(env)
+        self._env.action_space = _Unchecked(self.actions, start=self._first)
+        self._left = self.time_limit
+
+    def reset(self, seed: int) -> F32:
+        """The first observation (inputs,) of a new episode."""
+        self._left = self.time_limit
+        observation, _ = self._env.reset(seed=seed)
+        return self._vector(observation)
+
+    def step(self, action: int) -> tuple[F32, float, bool, bool]:
+        """(next observation (inputs,), reward, terminated, truncated); the time limit truncates."""
+        observation, reward, terminated, truncated, _ = self._env.step(action + self._first)
+        self._left -= 1
+        return self._vector(observation), float(reward), bool(terminated), bool(truncated) or self._left <= 0
+
+    def _vector(self, observation: Any) -> F32:
+        if not self._plain:
+            observation = gymnasium.spaces.flatten(self._space, observation)
+        return np.array(observation, dtype=np.float32)
+
+
+def _unwrap(env: gymnasium.Env) -> tuple[gymnasium.Env, int]:
+    """The environment without the wrappers that only count steps or check calls, and its time limit."""
+    limit = 2**62
+    while isinstance(env, TimeLimit | OrderEnforcing | PassiveEnvChecker):
+        if isinstance(env, TimeLimit):
+            limit = min(limit, int(env._max_episode_steps))
+        env = env.env
+    return env, limit

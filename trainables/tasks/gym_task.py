@@ -1,0 +1,120 @@
+"""Any Gymnasium environment with discrete actions as a task: gym:ENV_ID[:attribute.path=VALUE,...].
+
+A context feature is an attribute path of the unwrapped environment; its value is a number, or a multiple such as 2x.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import re
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+from trainables.errors import InputError, unknown
+from trainables.tasks.task import Context, ContextFeature, TaskFamily, number
+
+if TYPE_CHECKING:
+    import gymnasium
+
+PREFIX = "gym"
+
+
+def split(text: str) -> tuple[str, str]:
+    """'gym:ENV_ID:features' to ('gym:ENV_ID', 'features'); an id's own 'module:' stays with it."""
+    match = re.fullmatch(r"(gym:(?:[\w.]+:(?=[\w/-]+-v\d))?[^:]+)(?::(.*))?", text)
+    if match is None:
+        raise InputError(f"task '{text}': write gym:ENVIRONMENT-ID, such as gym:MountainCar-v0")
+    return match.group(1), match.group(2) or ""
+
+
+@functools.lru_cache(maxsize=256)
+def family(name: str, paths: tuple[str, ...]) -> TaskFamily:
+    """The family of one environment id, with the attribute `paths` as its context features.
+
+    Raises InputError for an unknown environment, continuous actions, and a path that is no number there.
+    """
+    env = _make(name)
+    found = tuple(_feature(name, env.unwrapped, path) for path in sorted(set(paths)))
+    env.close()
+    build = functools.partial(_build, name)
+    check = functools.partial(_check, name)
+    return TaskFamily(name, "a Gymnasium environment", found, {}, build=build, check=check)
+
+
+def _make(name: str) -> gymnasium.Env:
+    import gymnasium
+
+    identity = name.removeprefix(f"{PREFIX}:")
+    module = identity.partition(":")[0] if ":" in identity else ""
+    if module and importlib.util.find_spec(module.partition(".")[0]) is None:
+        raise InputError(f"task '{name}': there is no module '{module}'")
+    if not module and identity not in gymnasium.registry:
+        raise unknown("Gymnasium environment", identity, [key for key in gymnasium.registry if key[:1] == identity[:1]])
+    try:
+        env = gymnasium.make(identity)
+    except gymnasium.error.Error as error:
+        raise InputError(f"task '{name}': {error}") from None
+    if not isinstance(env.action_space, gymnasium.spaces.Discrete):
+        raise InputError(
+            f"task '{name}': its actions are continuous ({env.action_space}); only discrete ones are learned"
+        )
+    return env
+
+
+def _owner(env: Any, path: str) -> tuple[Any, str]:
+    *parents, last = path.split(".")
+    for part in parents:
+        env = getattr(env, part)
+    return env, last
+
+
+def _feature(name: str, env: Any, path: str) -> ContextFeature:
+    try:
+        value = getattr(*_owner(env, path))
+    except AttributeError:
+        raise InputError(f"task '{name}': {path} is not an attribute of the environment") from None
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"task '{name}': {path} is not a number (it is {value!r})")
+    return ContextFeature(path, float(value), "an attribute of the environment", number(-1e300, 1e300))
+
+
+def _build(name: str, context: Context) -> gymnasium.Env:
+    env = _make(name)
+    for path, value in context.items():
+        owner, last = _owner(env.unwrapped, path)
+        before = getattr(owner, last)
+        if value != before:
+            whole = isinstance(before, int) and float(value).is_integer()
+            setattr(owner, last, int(value) if whole else value)
+    return env
+
+
+def _check(name: str, context: Context) -> None:
+    """Refuse a change that changes nothing: each changed path alone must alter what 100 steps return."""
+    plain = _build(name, {})
+    for path, value in context.items():
+        if value == getattr(*_owner(plain.unwrapped, path)):
+            continue
+        try:
+            changed = _build(name, {path: value})
+            same = _rollout(changed) == _rollout(_build(name, {}))
+        except (AttributeError, TypeError) as error:
+            raise InputError(f"task '{name}': {path} cannot be set to {value:g} ({error})") from None
+        if same:
+            raise InputError(f"task '{name}': {path}={value:g} changes nothing in 100 steps")
+
+
+def _rollout(env: gymnasium.Env) -> list[bytes]:
+    import numpy as np
+
+    seen: list[bytes] = []
+    env.reset(seed=0)
+    space: Any = env.action_space
+    for action in int(space.start) + np.random.default_rng(0).integers(0, int(space.n), 100):
+        observation, reward, terminated, truncated, _ = env.step(int(action))
+        seen.append(np.asarray(observation).tobytes() + np.float64(reward).tobytes())
+        if terminated or truncated:
+            env.reset()
+    env.close()
+    return seen
