@@ -15,10 +15,18 @@ COLOURS = {
     "delta_gate": "#d55e00",
     "confidence_gate": "#009e73",
     "q_warm_start": "#cc79a7",
+    "dqn": "#4d4d4d",
+    "es": "#0072b2",
+    "delta_es": "#d55e00",
+    "dpba": "#56b4e9",
+    "delta_dpba": "#cc79a7",
 }
-"""Each agent's colour, the same everywhere."""
+"""Each agent's colour, the same everywhere; a deep agent has that of its tabular kin, which it never meets."""
 
 LINES = {
+    "dqn": "--",
+    "es": "-.",
+    "dpba": ":",
     "q_learning": "--",
     "policy_reuse": ":",
     "ppr": "-.",

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from orchestrator.aggregates import groups
-from orchestrator.files import make_folder, write_atomic
+from orchestrator.files import make_folder
 from orchestrator.plan import Key, Params
 from orchestrator.provenance import commit, versions
 from orchestrator.results import Results
@@ -17,6 +17,7 @@ from orchestrator.selection import RULE, Selected, select
 from orchestrator.statistics import LEVEL, Estimate, TransferRatio
 from search_spaces import read_yaml
 from trainables.agents import agent_named
+from trainables.atomic import write_atomic
 from trainables.errors import InputError
 from trainables.tasks import parse_task
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from orchestrator.plan import Pair, unique
+from orchestrator.plan import Pair, SourceRun, unique
 from orchestrator.provenance import commit, versions
 from orchestrator.record import Record
 from orchestrator.results import Results, cell_row
@@ -23,6 +23,7 @@ class Ledger:
 
     def __init__(self, results: Results, retry_failed: bool) -> None:
         self.library = SourceLibrary(results.storage)
+        self.checkpoints = results.folder / "checkpoints"
         self._results = results
         self._retry_failed = retry_failed
         self._plan = results.plan()
@@ -58,6 +59,13 @@ class Ledger:
         """Whether the cell has ended in this run."""
         return cell.id in self._new
 
+    def source_run(self, cell: Cell) -> SourceRun:
+        """What stage 2 needs to know of a done cell of stage 1."""
+        record = self.record(cell)
+        assert record is not None
+        steps = record.points["step"][-1]
+        return SourceRun(cell, max(record.returns), auc(record.returns), int(steps or 0))
+
     def score(self, cells: Sequence[Cell]) -> float | None:
         """Mean AUC of a configuration's cells; None where one is not done."""
         records = [self.record(cell) for cell in cells]
@@ -72,6 +80,7 @@ class Ledger:
             self.library.save(cell, Knowledge.from_bytes(knowledge)[0])
         record = Record(cell=cell, finished=time.time(), versions=versions(), commit=commit(), **outcome)
         self._results.add(record)
+        (self.checkpoints / f"{cell.id}.checkpoint").unlink(missing_ok=True)
         self._records[cell.id] = record
         self._new.add(cell.id)
         self._plan[stage] = unique([*self._plan[stage], cell])

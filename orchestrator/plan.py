@@ -5,14 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from search_spaces import Grid, Range, SearchSpace
 from search_spaces.space import Scenario
 from trainables.agents import agent_named
 from trainables.cell import Cell, Source
 from trainables.errors import InputError
-from trainables.tasks import parse_task
+from trainables.tasks import Task, parse_task
 
 Values = dict[str, Any]
 Key = tuple[str, str, str]
@@ -59,13 +59,29 @@ class Pair:
 
 
 @dataclass(frozen=True)
+class SourceRun:
+    """One seed's run of stage 1 at the best hyperparameters."""
+
+    cell: Cell
+    best_return: float
+    """Its best greedy evaluation."""
+    auc: float
+    steps: int
+    """T: the training steps that it took."""
+
+
+@dataclass(frozen=True)
 class SourceChoice:
     """The outcome of stage 1 for one scenario."""
 
     values: Values
     """The best hyperparameters of the source's agent, those that stage 1 swept."""
-    cells: Mapping[int, Cell]
-    """Seed to the cell that trained its Q_src."""
+    runs: Mapping[int, SourceRun]
+    """By seed."""
+
+    def best_seed(self) -> int:
+        """The seed with the best greedy evaluation; of those that reach the same, the one with the best AUC."""
+        return max(self.runs, key=lambda seed: (self.runs[seed].best_return, self.runs[seed].auc))
 
 
 def source_pairs(space: SearchSpace, params: Params) -> list[Pair | None]:
@@ -124,12 +140,24 @@ def _pair(
 
 
 def _sources(scenario: Scenario, kind: str | None, choice: SourceChoice, seeds: Iterable[int]) -> dict[int, Source]:
-    task = parse_task(scenario.source.task).name
+    task = parse_task(scenario.source.task)
     if kind is None:
         return {}
     if kind == "exact":
-        return {seed: Source(task=task, kind="exact") for seed in seeds}
-    missing = [seed for seed in seeds if seed not in choice.cells]
+        return {seed: Source(task=task.name, kind="exact") for seed in seeds}
+    missing = [seed for seed in seeds if seed not in choice.runs]
     if missing:
-        raise InputError(f"the source {task} has no trained cell for seed {missing[0]}: its cell failed or is missing")
-    return {seed: Source(task=task, kind="learned", cell_id=choice.cells[seed].id) for seed in seeds}
+        raise InputError(f"the source {task.name} has no trained cell for seed {missing[0]}")
+    pick = scenario.source.pick
+    if pick is None:
+        pick = "own_seed" if task.tabular else "best_evaluated"
+    if pick == "own_seed":
+        return {seed: _learned(task, choice.runs[seed], "last", choice.runs[seed]) for seed in seeds}
+    giver = choice.runs[choice.best_seed() if pick == "best_evaluated" else int(pick)]
+    return {seed: _learned(task, giver, "last" if task.tabular else "best", choice.runs[seed]) for seed in seeds}
+
+
+def _learned(task: Task, giver: SourceRun, checkpoint: Literal["last", "best"], own: SourceRun) -> Source:
+    """The knowledge of `giver`; T, the steps of C (eq. 6), is that of the target seed's own source run."""
+    steps = None if task.tabular else own.steps
+    return Source(task=task.name, kind="learned", cell_id=giver.cell.id, checkpoint=checkpoint, steps=steps)

@@ -6,7 +6,7 @@ import time
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from orchestrator.record import Record
 from trainables.curve import auc
@@ -21,13 +21,14 @@ class Display:
     def __init__(self, console: Console, stage: str, total: int, workers: int) -> None:
         self._console, self._stage, self._total, self._workers = console, stage, total, workers
         self._done = self._failed = self._running = 0
+        self._shares: dict[str, float] = {}
         self._best: tuple[float, str] | None = None
         self._first: float | None = None
         self._logged = time.monotonic()
         self._progress = Progress(
             TextColumn("[bold]{task.description}"),
             BarColumn(bar_width=24),
-            MofNCompleteColumn(),
+            TextColumn("{task.fields[ended]}/{task.total}"),
             TextColumn("{task.fields[counts]}"),
             TimeElapsedColumn(),
             TextColumn("{task.fields[left]}"),
@@ -35,7 +36,7 @@ class Display:
             console=console,
             refresh_per_second=4,
         )
-        self._bar = self._progress.add_task(stage, total=total, counts="starting workers", left="", best="")
+        self._bar = self._progress.add_task(stage, total=total, ended=0, counts="starting workers", left="", best="")
 
     def __enter__(self) -> Display:
         if self._console.is_terminal:
@@ -53,11 +54,18 @@ class Display:
     def ended(self, record: Record) -> None:
         """Count an ended cell."""
         self._first = self._first or time.monotonic() - record.seconds
+        self._shares.pop(record.cell.id, None)
         self._done += record.status == "done"
         self._failed += record.status == "failed"
         if record.status == "done":
             score = auc(record.returns), f"{record.cell.agent} on {record.cell.task}"
             self._best = max(self._best or score, score)
+        self._show()
+
+    def progress(self, cell: str, share: float, greedy_return: float) -> None:
+        """Take in how much of a long cell is done."""
+        self._first = self._first or time.monotonic()
+        self._shares[cell] = share
         self._show()
 
     def running(self, cells: int) -> None:
@@ -75,7 +83,8 @@ class Display:
         self._progress.update(
             self._bar,
             total=self._total,
-            completed=self._done + self._failed,
+            completed=self._done + self._failed + sum(self._shares.values()),
+            ended=self._done + self._failed,
             counts=f"{self._running} running, {self._failed} failed",
             left=self._left(),
             best=best,
@@ -85,7 +94,7 @@ class Display:
             self._console.print(self._line(), soft_wrap=True)
 
     def _left(self) -> str:
-        ended = self._done + self._failed
+        ended = self._done + self._failed + sum(self._shares.values())
         if not ended or self._first is None:
             return ""
         seconds = (time.monotonic() - self._first) / ended * (self._total - ended)

@@ -18,10 +18,11 @@ from typing import Any
 
 import pandas as pd
 
-from orchestrator.files import make_folder, write_atomic
+from orchestrator.files import make_folder
 from orchestrator.provenance import commit, versions
 from orchestrator.record import Record
 from search_spaces import SearchSpace, parse
+from trainables.atomic import write_atomic
 from trainables.cell import Cell
 from trainables.curve import asymptotic, auc
 from trainables.errors import InputError, unknown

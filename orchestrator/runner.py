@@ -19,6 +19,7 @@ import ray
 from ray import tune
 
 from orchestrator.ledger import Ledger
+from orchestrator.progress import Display
 from orchestrator.search import Proposals, Tuned
 from trainables.agents import agent_named
 from trainables.cell import Cell
@@ -97,18 +98,20 @@ def _code() -> Path:
 class Relay(tune.Callback):
     """Hands each ended cell to the driver as it is reported, and counts what is running."""
 
-    def __init__(self, ended: Callable[[Outcome], None], running: Callable[[int], None]) -> None:
-        self._ended, self._running = ended, running
+    def __init__(self, ended: Callable[[Outcome], None], display: Display | None) -> None:
+        self._ended, self._display = ended, display
         self.errors: list[str] = []
 
     def __getstate__(self) -> dict[str, Any]:
         """Nothing to save: a sweep resumes from its records, never from Tune's."""
-        return {"_ended": None, "_running": None, "errors": []}
+        return {"_ended": None, "_display": None, "errors": []}
 
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
     ) -> None:
         """Take over the outcomes of a report, and free Tune of their weight."""
+        if self._display and "progress" in result:
+            self._display.progress(**result["progress"])
         outcomes = result.get("ended") or []
         while outcomes:
             self._ended(outcomes.pop(0))
@@ -120,7 +123,8 @@ class Relay(tune.Callback):
 
     def on_step_end(self, iteration: int, trials: list[Any], **info: Any) -> None:
         """Count the running trials; each runs one cell at a time."""
-        self._running(sum(trial.status == "RUNNING" for trial in trials))
+        if self._display:
+            self._display.running(sum(trial.status == "RUNNING" for trial in trials))
 
 
 def packs(cells: Sequence[Cell], workers: int) -> list[list[Cell]]:
@@ -142,15 +146,19 @@ class Work:
     """The arrays of each source, by `Cell.source_key`."""
     keep: bool
     """Whether what each cell has learned is wanted."""
+    checkpoints: Path
+    """The folder for the states of long cells; a worker that does not see it works without."""
 
 
 def run_stage(
-    work: Work, workers: int, ended: Callable[[Outcome], None], running: Callable[[int], None], ledger: Ledger
+    work: Work, workers: int, ended: Callable[[Outcome], None], display: Display, ledger: Ledger
 ) -> list[str]:
     """Run a stage, handing each outcome to `ended`; the errors of trials whose worker was lost for good."""
-    relay = Relay(ended, running)
+    relay = Relay(ended, display)
     folder = tempfile.mkdtemp(prefix="deltatune-")
-    trainable = tune.with_parameters(run_cells, sources=dict(work.sources), keep=work.keep)
+    trainable = tune.with_parameters(
+        run_cells, sources=dict(work.sources), keep=work.keep, checkpoints=str(work.checkpoints)
+    )
     tuner = tune.Tuner(
         tune.with_resources(trainable, {"cpu": 1}),
         tune_config=tune.TuneConfig(

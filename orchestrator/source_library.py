@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from orchestrator.files import make_folder, write_atomic
+from orchestrator.files import make_folder
+from trainables.atomic import write_atomic
 from trainables.cell import Cell
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge

@@ -116,7 +116,8 @@ class _Stages:
             raise SweepError(f"no configuration of {pair.agent} on the source task {pair.task} has all its seeds{why}")
         swept = {*pair.ranges, *(name for values in pair.grid for name in values)}
         best = {name: value for name, value in selected.best.hyperparameters.items() if name in swept}
-        return SourceChoice(best, {cell.seed: cell for cell in cells if cell.group == selected.best.id})
+        chosen = [cell for cell in cells if cell.group == selected.best.id]
+        return SourceChoice(best, {cell.seed: self._ledger.source_run(cell) for cell in chosen})
 
     def _run(self, stage: str, pairs: Sequence[Pair], keep: bool) -> None:
         """Plan a stage and run what it lacks."""
@@ -146,9 +147,9 @@ class _Stages:
                 self.tally.workers = self._stack.enter_context(connection)
         with Display(self._console, stage, total, self.tally.workers) as display:
             taking = _Taking(stage, ledger, self.tally, display, self._on_record)
-            work = runner.Work(missing, searches, sources, keep)
+            work = runner.Work(missing, searches, sources, keep, self._ledger.checkpoints)
             try:
-                self.tally.lost += runner.run_stage(work, self.tally.workers, taking, display.running, ledger)
+                self.tally.lost += runner.run_stage(work, self.tally.workers, taking, display, ledger)
             except Exception as error:
                 if taking.failure is None:
                     raise

@@ -7,6 +7,7 @@ from typing import Any
 
 from search_spaces.files import parse
 from search_spaces.space import SearchSpace
+from trainables.agents import agent_named
 from trainables.errors import InputError, unknown
 from trainables.tasks import families, parse_task
 
@@ -33,8 +34,18 @@ def narrow(
         data["agents"] = {name: options for name, options in data["agents"].items() if name in agents}
     if seeds is not None:
         data["seeds"] = seeds
-    data["hyperparameters"] |= {key: {"values": [value]} for key, value in (hyperparameters or {}).items()}
+    _settle(data, hyperparameters or {})
     return parse(space.name, data)
+
+
+def _settle(data: dict[str, Any], given: Mapping[str, Any]) -> None:
+    """Put `given` in place of every grid of the same name, and leave out what no agent that is left knows."""
+    known = {key for name in data["agents"] for key in agent_named(name).hyperparameters.model_fields}
+    shared = {key: option for key, option in data["hyperparameters"].items() if key in known}
+    data["hyperparameters"] = shared | {key: {"values": [value]} for key, value in given.items()}
+    for own in (*data["agents"].values(), *(scenario["source"]["hyperparameters"] for scenario in data["scenarios"])):
+        for key in given:
+            own.pop(key, None)
 
 
 def _with_tasks(scenarios: list[dict[str, Any]], tasks: Sequence[str]) -> list[dict[str, Any]]:

@@ -39,6 +39,10 @@ class SourceSpace(Strict):
     """learned: trained by `agent` with the best of `hyperparameters`; exact: value iteration (tabular tasks)."""
     hyperparameters: Hyperparameters = Field(default_factory=dict)
     """What stage 1 sweeps; the best values by mean AUC are stage 2's too."""
+    pick: Literal["own_seed", "best_evaluated"] | Annotated[int, Field(ge=0)] | None = None
+    """Whose knowledge a target seed gets: own_seed, its own source seed's last; best_evaluated, the network with the
+    best greedy evaluation of all source seeds; a number, that seed's best. Default: own_seed for tabular tasks,
+    best_evaluated for deep ones."""
 
 
 class Scenario(Strict):
@@ -83,6 +87,8 @@ class SearchSpace(Strict):
             base = agent_named(scenario.source.agent)
             if base.needs_source:
                 raise ValueError(f"source.agent must learn without a source (got {base.name})")
+            if isinstance(scenario.source.pick, int) and scenario.source.pick not in self.seeds:
+                raise ValueError(f"source.pick must be one of the seeds (got {scenario.source.pick})")
             self._check_agent(base, scenario.source.hyperparameters, [source])
             for name, options in self.agents.items():
                 self._check_agent(agent_named(name), options, targets)

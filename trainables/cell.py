@@ -101,7 +101,7 @@ class Cell(BaseModel):
     @property
     def group(self) -> str:
         """The id of what the cell shares with its other seeds: agent, task, kind of source and hyperparameters."""
-        source = None if self.source is None else [self.source.task, self.source.kind]
+        source = None if self.source is None else [self.source.task, self.source.kind, self.source.checkpoint]
         return content_id([self.agent, self.task, source, self.hyperparameters])
 
     def to_json(self) -> dict[str, Any]:

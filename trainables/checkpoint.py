@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from trainables.atomic import write_atomic
 
 MAGIC = b"deltatune checkpoint 1\n"
 
@@ -33,17 +33,7 @@ def save(path: Path, state: Mapping[str, Any]) -> None:
     text = tree.encode()
     payload = len(text).to_bytes(8, "big") + text + buffer.getvalue()
     path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(MAGIC + hashlib.sha256(payload).digest() + payload)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    _sync(path.parent)
+    write_atomic(path, MAGIC + hashlib.sha256(payload).digest() + payload)
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -93,17 +83,3 @@ def _join(tree: Any, archive: Mapping[str, Any]) -> Any:
     if "list" in tree:
         return [_join(item, archive) for item in tree["list"]]
     return {key: _join(item, archive) for key, item in tree["mapping"].items()}
-
-
-def _sync(folder: Path) -> None:
-    """Make the new name itself last, where the system lets a folder be synchronised."""
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(descriptor)
-    except OSError:
-        pass
-    finally:
-        os.close(descriptor)

@@ -25,6 +25,14 @@ def columns(points: Iterable[EvalPoint]) -> dict[str, list[float | int | None]]:
     return table | {name: [p.statistics.get(name) for p in items] for name in names}
 
 
+def joined(before: Columns, after: Columns) -> dict[str, list[float | int | None]]:
+    """Two parts of one curve as one; a column that one part lacks is filled up with None."""
+    names = list(dict.fromkeys([*before, *after]))
+    lengths = [len(part["episode"]) if part else 0 for part in (before, after)]
+    missing = [[None] * length for length in lengths]
+    return {name: [*before.get(name, missing[0]), *after.get(name, missing[1])] for name in names}
+
+
 def digest(curve: Columns) -> str:
     """SHA-256 of every bit of the curve but its seconds: equal iff the two curves are."""
     data = {name: list(values) for name, values in curve.items() if name != "seconds"}

@@ -24,6 +24,8 @@ _UNION_MEMBERS = ("float", "int", "str", "bool")
 _RULES = {
     "too_short": "must not be empty",
     "tuple_type": "must be a list",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
     "dict_type": "must be a mapping of keys to values",
     "string_pattern_mismatch": "must be 1 to 64 letters, digits, dots, dashes or underscores, a letter or digit first",
 }

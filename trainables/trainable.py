@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,18 @@ from ray import tune
 from trainables import curve
 from trainables.agents import AGENTS, agent_named
 from trainables.cell import Cell, Source
+from trainables.cell_run import run_cell
+from trainables.errors import InputError
 from trainables.evaluation import EvalPoint
 from trainables.knowledge import Knowledge
 from trainables.tasks import families, parse_task
+from trainables.threads import one_thread
 from trainables.training import exact_source, train
 
 Config = dict[str, Any]
+
+PROGRESS_SECONDS = 2.0
+"""Time between reports of a long cell's progress."""
 
 RESERVED = ("seed", "source", "source_file")
 """Keys of a trainable's config that are no hyperparameters."""
@@ -30,8 +35,8 @@ def trainable(agent: str, task: str) -> Callable[[Config], None]:
 
     config: the agent's hyperparameters, and
       seed         (default 0)
-      source       the source task (default: the task's family at its defaults); its Q_src is exact, unless
-      source_file  names a file of the source library (.npz)
+      source       the source task (default: the task's family at its defaults)
+      source_file  a file of the source library (.npz); without it the source is exact, which only tabular tasks have
     Each report has episode, step, greedy_return, discounted_return, training_return, the statistics of delta and
     the gate, auc (the mean of the curve so far) and cell_id. Raises InputError for an unknown agent or task.
     """
@@ -72,46 +77,52 @@ def _cell(agent: str, task: str, config: Config) -> tuple[Cell, Knowledge | None
         return Cell.create(agent, task, config.get("seed", 0), values), None
     source_task = parse_task(config.get("source", parse_task(task).family.name)).name
     if "source_file" not in config:
+        if not parse_task(source_task).tabular:
+            raise InputError(f"{agent} needs source_file, a file of the source library trained on {source_task}")
         cell = Cell.create(agent, task, config.get("seed", 0), values, Source(task=source_task, kind="exact"))
         return cell, exact_source(source_task, cell.settings.gamma)
     path = Path(config["source_file"])
-    source = Source(task=source_task, kind="learned", cell_id=path.stem)
+    checkpoint: Any = "last" if parse_task(source_task).tabular else "best"
+    source = Source(task=source_task, kind="learned", cell_id=path.stem, checkpoint=checkpoint)
     return Cell.create(agent, task, config.get("seed", 0), values, source), Knowledge.from_bytes(path.read_bytes())[0]
 
 
 def run_cells(
-    config: Config, sources: Mapping[str, Mapping[str, np.ndarray]] | None = None, keep: bool = False
+    config: Config,
+    sources: Mapping[str, Mapping[str, np.ndarray]] | None = None,
+    keep: bool = False,
+    checkpoints: str | None = None,
 ) -> None:
-    """A sweep's trainable: train the cells of config["cells"] one after the other, and report each when it ends.
+    """A sweep's trainable: run the cells of config["cells"] one after the other, and report each when it ends.
 
     sources: the arrays of each source, by `Cell.source_key`. keep: whether what each has learned is wanted too.
-    A report has `ended`: the outcome of one cell, to be taken over by the sweep's callback. A cell that fails is
-    reported as failed, and the next one runs.
+    checkpoints: the folder for the states of long cells. A report has `ended`, the outcomes that the sweep's
+    callback takes over, or `progress`, the share of a long cell that is done. A cell that fails is an outcome like
+    another, and the next one runs.
     """
+    one_thread()
     for data in config["cells"]:
-        tune.report({"ended": [outcome(Cell.from_json(data), sources or {}, keep)]})
+        cell = Cell.from_json(data)
+        outcome = run_cell(
+            cell,
+            lambda cell: Knowledge((sources or {})[cell.source_key]) if cell.source else None,
+            keep=keep,
+            checkpoints=Path(checkpoints) if checkpoints else None,
+            on_point=_Progress(cell),
+        )
+        tune.report({"ended": [outcome]})
 
 
-def outcome(cell: Cell, sources: Mapping[str, Mapping[str, np.ndarray]], keep: bool) -> dict[str, Any]:
-    """Train one cell to its end: {cell, status, error, points, digest, seconds, knowledge}."""
-    started = time.perf_counter()
-    points: list[EvalPoint] = []
-    error, knowledge = None, None
-    try:
-        arrays = sources[cell.source_key] if cell.source else None
-        training = train(cell, Knowledge(arrays) if arrays is not None else None)
-        points.extend(training)
-        knowledge = training.knowledge().to_bytes() if keep else None
-    except Exception as exception:
-        where = traceback.extract_tb(exception.__traceback__)[-1]
-        error = f"{type(exception).__name__}: {exception} ({Path(where.filename).name}:{where.lineno})"
-    table = curve.columns(points)
-    return {
-        "cell": cell.to_json(),
-        "status": "failed" if error else "done",
-        "error": error,
-        "points": table,
-        "digest": curve.digest(table),
-        "seconds": time.perf_counter() - started,
-        "knowledge": knowledge,
-    }
+class _Progress:
+    """Reports how far a long cell is, every other second."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._cell, self._episodes = cell, cell.settings.episodes
+        self._reported = time.monotonic()
+
+    def __call__(self, point: EvalPoint) -> None:
+        """Report, unless the last report is not long ago."""
+        if time.monotonic() - self._reported >= PROGRESS_SECONDS:
+            self._reported = time.monotonic()
+            share = point.episode / self._episodes
+            tune.report({"progress": {"cell": self._cell.id, "share": share, "greedy_return": point.greedy_return}})

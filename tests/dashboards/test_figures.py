@@ -62,6 +62,7 @@ def test_a_sweep_without_direct_reuse_has_no_figure_of_it(results: Results) -> N
     assert {path.stem for path in draw(results)} == {"curves"}
 
 
-def test_every_tabular_agent_has_a_colour_of_its_own() -> None:
-    assert set(COLOURS) >= {agent.name for agent in AGENTS.values()}
-    assert len(set(COLOURS.values())) == len(COLOURS)
+def test_every_agent_has_a_colour_of_its_own_among_its_kind() -> None:
+    for kind in ("tabular", "deep"):
+        colours = [COLOURS[agent.name] for agent in AGENTS.values() if agent.kind == kind]
+        assert len(set(colours)) == len(colours) > 1

@@ -58,9 +58,20 @@ def space_file(tmp_path: Path) -> Path:
 
 
 def test_the_catalogue_lists_everything_for_people_and_for_programs(terminal: Terminal) -> None:
-    assert [task["name"] for task in terminal.json("tasks")] == ["windy_gridworld", "supply_chain"]
-    names = [agent["name"] for agent in terminal.json("agents")]
-    assert names == ["q_learning", "policy_reuse", "ppr", "delta_gate", "confidence_gate", "q_warm_start"]
+    tasks = {"windy_gridworld", "supply_chain", "cartpole", "acrobot", "lunar_lander", "reacher"}
+    assert tasks <= {task["name"] for task in terminal.json("tasks")}
+    agents = {
+        "q_learning",
+        "policy_reuse",
+        "ppr",
+        "delta_gate",
+        "confidence_gate",
+        "q_warm_start",
+        "dqn",
+        "es",
+        "delta_es",
+    }
+    assert agents <= {agent["name"] for agent in terminal.json("agents")}
     assert all(h["description"] for agent in terminal.json("agents") for h in agent["hyperparameters"])
     assert {"demo", "paper-figure1", "paper-gridworld"} <= {space["name"] for space in terminal.json("spaces")}
     for command in ("tasks", "agents", "spaces"):

@@ -24,8 +24,9 @@ from orchestrator.status import sweep_status
 from orchestrator.sweep import Settings, Tally, run
 from search_spaces import parse
 from trainables.cell import Cell
+from trainables.cell_run import run_cell
 from trainables.errors import InputError
-from trainables.trainable import outcome
+from trainables.knowledge import Knowledge
 
 QUIET = Console(quiet=True)
 
@@ -141,11 +142,11 @@ def test_a_cell_that_raises_is_reported_with_its_place_and_the_next_one_runs() -
         "source": {"task": "windy_gridworld", "kind": "learned", "cell_id": "0" * 16},
     }
     cell = Cell.from_json(json.loads(json.dumps(good.to_json())) | bad | {"hyperparameters": {"episodes": 10}})
-    result = outcome(cell, {}, keep=False)
+    result = run_cell(cell, lambda cell: Knowledge({}))
     assert result["status"] == "failed"
-    assert "KeyError" in result["error"]
-    assert "trainable.py:" in result["error"]
-    assert outcome(good, {}, keep=True)["status"] == "done"
+    assert result["error"].startswith("InputError: the source is not a Q table")
+    assert "knowledge.py:" in result["error"]
+    assert run_cell(good, lambda cell: None, keep=True)["status"] == "done"
 
 
 def test_two_drivers_at_one_sweep_are_refused_and_a_dead_ones_lock_is_free(storage: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from orchestrator.plan import Pair, SourceChoice, source_pairs, transfer_pairs, unique
+from orchestrator.plan import Pair, SourceChoice, SourceRun, source_pairs, transfer_pairs, unique
 from search_spaces import Grid, SearchSpace, built_in, load, parse
 from trainables.cell import Cell
 
@@ -13,7 +13,7 @@ from trainables.cell import Cell
 def _source_choice(pair: Pair) -> SourceChoice:
     """Stage 1's outcome as if its first configuration were the best."""
     values = pair.grid[0]
-    return SourceChoice(values, {cell.seed: cell for cell in pair.cells(values)})
+    return SourceChoice(values, {cell.seed: SourceRun(cell, 0.0, 0.0, 1000) for cell in pair.cells(values)})
 
 
 def _plan(space: SearchSpace) -> tuple[list[Cell], list[Cell]]:

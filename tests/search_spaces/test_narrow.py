@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from small_space import SMALL
 
-from orchestrator.plan import SourceChoice, source_pairs, transfer_pairs
+from orchestrator.plan import SourceChoice, SourceRun, source_pairs, transfer_pairs
 from search_spaces import Grid, SearchSpace, load, narrow, parse
 from trainables.errors import InputError
 
@@ -102,7 +102,6 @@ def test_narrowing_leaves_the_space_as_it_was(space: SearchSpace) -> None:
 
 # BUG 1: a shared hyperparameter that none of the remaining agents has makes the narrowed space invalid, so
 # `deltatune sweep paper-gridworld --agents q_learning` is refused. Remove the mark once it is mended.
-@pytest.mark.xfail(strict=True, raises=InputError, reason="shared hyperparameters are not narrowed with the agents")
 @pytest.mark.parametrize("name", ["paper-gridworld", "paper-supply-chain"])
 def test_any_one_agent_of_a_built_in_space_can_be_kept(name: str) -> None:
     space = load(name)
@@ -111,12 +110,13 @@ def test_any_one_agent_of_a_built_in_space_can_be_kept(name: str) -> None:
 
 
 # BUG 2: an agent's own grid wins over what the user sets, so `--set nu=0.9` changes nothing. As above.
-@pytest.mark.xfail(strict=True, raises=AssertionError, reason="an agent's own options win over the ones that are set")
 def test_hyperparameters_that_are_set_are_what_runs() -> None:
     space = narrow(load("paper-gridworld"), hyperparameters={"nu": 0.9, "learning_rate": 0.1})
     (source,) = source_pairs(space, {})
     assert source is not None
     assert {values["learning_rate"] for values in source.grid} == {0.1}
-    choice = SourceChoice(source.grid[0], {cell.seed: cell for cell in source.cells(source.grid[0])})
+    choice = SourceChoice(
+        source.grid[0], {cell.seed: SourceRun(cell, 0.0, 0.0, 1) for cell in source.cells(source.grid[0])}
+    )
     transfers = transfer_pairs(space, [choice], {})
     assert {values["nu"] for pair in transfers if pair.agent == "ppr" for values in pair.grid} == {0.9}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_space import SMALL, changed
 
@@ -36,6 +36,7 @@ def test_numbers_are_read_as_numbers_with_or_without_a_point(tmp_path: Path, tex
     assert scalar(text) == value
 
 
+@settings(deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_any_float_as_python_writes_it_is_that_float(value: float) -> None:
     read = scalar(repr(value))

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trainables.cell import Cell, Source
@@ -96,6 +96,7 @@ hyperparameters = st.fixed_dictionaries(
 )
 
 
+@settings(deadline=None)
 @given(hyperparameters, st.integers(0, 2**40), st.sampled_from([LEARNED, EXACT]))
 def test_a_cell_comes_back_from_json_as_it_was(values, seed, source) -> None:
     cell = _gate(seed=seed, hyperparameters=values, source=source)

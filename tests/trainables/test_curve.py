@@ -6,7 +6,7 @@ import json
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trainables import curve
@@ -32,6 +32,7 @@ def test_no_points_give_empty_columns() -> None:
     assert curve.columns([]) == {field: [] for field in curve.FIELDS}
 
 
+@settings(deadline=None)
 @given(st.sampled_from(["greedy_return", "discounted_return", "psi", "episode", "late"]), st.integers(0, 1))
 def test_the_digest_sees_the_last_bit_of_everything_but_the_seconds(column: str, row: int) -> None:
     table = curve.columns(POINTS)
@@ -55,6 +56,7 @@ def test_a_curve_with_a_value_that_is_no_number_has_no_digest(value: float) -> N
         curve.digest({"greedy_return": [value]})
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1))
 def test_auc_is_the_mean_of_the_curve(values: list[float]) -> None:
     assert curve.auc(values) == pytest.approx(math.fsum(values) / len(values), abs=1e-6)

@@ -7,7 +7,7 @@ import io
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -19,6 +19,7 @@ SAMPLE = Knowledge({"q": np.arange(40.0).reshape(20, 2), "steps": np.array([3])}
 FILE = SAMPLE.to_bytes({"cell": {"agent": "q_learning"}})
 
 
+@settings(deadline=None)
 @given(st.dictionaries(st.sampled_from(["q", "weights", "delta"]), tables, min_size=1))
 def test_arrays_come_back_bit_for_bit(arrays) -> None:
     knowledge = Knowledge(arrays)
@@ -30,6 +31,7 @@ def test_arrays_come_back_bit_for_bit(arrays) -> None:
     assert meta["cell"] == 1
 
 
+@settings(deadline=None)
 @given(st.integers(0, len(FILE) - 1), st.integers(1, 255))
 def test_a_file_with_one_altered_byte_is_refused_or_says_the_same(position: int, flip: int) -> None:
     # A zip has bytes that mean nothing to us, such as the time of day; no other may change unseen.
@@ -53,6 +55,7 @@ def test_every_altered_byte_of_the_arrays_is_refused() -> None:
             Knowledge.from_bytes(data[:position] + bytes([data[position] ^ 1]) + data[position + 1 :])
 
 
+@settings(deadline=None)
 @given(st.integers(0, len(FILE) - 1))
 def test_a_file_that_was_cut_short_is_refused(length: int) -> None:
     with pytest.raises(InputError):

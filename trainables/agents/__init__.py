@@ -40,6 +40,9 @@ class Agent:
         if self.kind == "tabular" and not task.tabular:
             tabular = [name for name, family in families().items() if family.model is not None]
             raise InputError(f"{self.name} needs a tabular task ({', '.join(tabular)}), which {task.name} is not")
+        if self.kind == "deep" and task.tabular:
+            deep = [name for name, family in families().items() if family.model is None]
+            raise InputError(f"{self.name} needs a task with vector observations ({', '.join(deep)}), not {task.name}")
         known = self.hyperparameters.model_fields
         own = {key: value for key, value in task.family.defaults.items() if key in known and self._takes(key)}
         for key in given:
@@ -78,6 +81,7 @@ AGENTS: dict[str, Agent] = {
             "q_learning",
             _LEARNER,
         ),
+        Agent("q_warm_start", "Q-learning that starts from Q_src", hp.Transfer, "q_learning", _LEARNER),
         Agent("dqn", "deep Q-learning without transfer", hp.DQN, None, _DEEP, "deep"),
         Agent("es", "explicit shaping: acts on Q + kappa A_src", hp.ExplicitShaping, "dqn", _DEEP, "deep"),
         Agent("delta_es", "Algorithm 2: explicit shaping scaled by delta", hp.DeltaShaping, "dqn", _DEEP, "deep"),
@@ -90,7 +94,6 @@ AGENTS: dict[str, Agent] = {
             _DEEP,
             "deep",
         ),
-        Agent("q_warm_start", "Q-learning that starts from Q_src", hp.Transfer, "q_learning", _LEARNER),
     )
 }
 

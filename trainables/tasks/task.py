@@ -5,6 +5,7 @@ NAME[:FEATURE=VALUE,...], e.g. `windy_gridworld`, `windy_gridworld:wind=reversed
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -41,11 +42,13 @@ class ContextFeature:
             return self.named[text]
         plain = text
         if isinstance(self.default, float) and re.fullmatch(r"[-+0-9.eE]+x", text):
-            plain = repr(self.default * self._number(text[:-1]))
+            plain = f"{self.default * self._number(text[:-1]):.12g}"
         try:
             return self.parse(plain)
         except InputError as error:
             names = f", or one of {', '.join(self.named)}" if self.named else ""
+            near = difflib.get_close_matches(text, self.named, n=1)
+            names += f"; did you mean '{near[0]}'?" if near else ""
             raise InputError(f"{self.name} must be {error}{names} (got '{text}')") from None
 
     def text(self, value: Value) -> str:
