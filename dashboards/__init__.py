@@ -11,6 +11,6 @@ __all__ = ["draw"]
 
 def draw(results: Results) -> list[Path]:
     """Draw every figure that the sweep has the cells for, as PNG and SVG in its folder `figures`; the files."""
-    from dashboards import curves, reuse
+    from dashboards import advice, curves, reuse
 
-    return [path for figure in (reuse.draw, curves.draw) for path in figure(results)]
+    return [path for figure in (reuse.draw, curves.draw, advice.draw) for path in figure(results)]
