@@ -1,4 +1,4 @@
-"""AUC against the share of training with advice (Figure 4): one group of bars per share, sd over seeds as error bars."""
+"""AUC against the share of training with advice (Figure 4): a group of bars per share, sd over seeds as error bars."""
 
 from __future__ import annotations
 
