@@ -1,4 +1,4 @@
-"""Our Table 1 beside the paper's, as Markdown, from finished sweeps: `python -m benchmarks.table1 results/SWEEP ...`."""
+"""Our Table 1 beside the paper's, as Markdown, from finished sweeps: `python -m benchmarks.table1 results/NAME ...`."""
 
 from __future__ import annotations
 
