@@ -12,6 +12,7 @@ stores once.
 
 from __future__ import annotations
 
+import logging
 import math
 import queue
 import sqlite3
@@ -30,14 +31,13 @@ from orchestrator.describe import cell_name, group_name, markdown
 from orchestrator.errors import SweepError
 from orchestrator.record import Record
 from orchestrator.results import Results, cell_row
-from orchestrator.statistics import Estimate
-from trainables.cell import Cell, content_id
+from orchestrator.run_fields import cell_tags, group_figures, thinned
+from trainables.cell import content_id
+
+logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database tables amid the display
 
 _EXPERIMENT_TAGS = {"mlflow.experimentKind": "custom_model_development"}
 """Opens the experiment in the UI's view for training runs."""
-
-CURVE_POINTS = 51
-"""Points of a curve that MLflow gets, evenly spaced, first and last included; the results table has them all."""
 
 BATCH = 1000
 """Most metrics of one call."""
@@ -61,7 +61,7 @@ class Mirror:
         row = cell_row(stage, record.cell, record)
         names = ("auc", "training_auc", "initial_return", "final_return", "asymptotic", "seconds", "steps")
         finals = {name: row[name] for name in names if row.get(name) is not None}
-        tags = _cell_tags(stage, record)
+        tags = cell_tags(stage, record)
         episodes = record.points.get("episode", [])
         curves = {
             n: v for n, v in record.points.items() if n not in ("episode", "step", "seconds", "discounted_return")
@@ -80,7 +80,7 @@ class Mirror:
 
     def write_group(self, group: Group, curve: pd.DataFrame) -> None:
         """The aggregate run of one group; a run that holds older figures is replaced."""
-        metrics, tags = _group_figures(group)
+        metrics, tags = group_figures(group)
         content = content_id([metrics, tags, curve.to_csv()])
         curves = {
             f"greedy_return_{n}": list(zip(curve["episode"], curve[n], strict=True)) for n in ("mean", "low", "high")
@@ -257,56 +257,6 @@ def sync_now(results: Results, uri: str, artifacts: Iterable[Path]) -> None:
         sync(results, uri, artifacts)
     except (MlflowException, OSError) as error:
         raise SweepError(f"MLflow at {uri} cannot be written to: {str(error).splitlines()[0]}") from None
-
-
-def thinned(curve: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
-    """At most CURVE_POINTS of a curve's points, evenly spaced, first and last included."""
-    if len(curve) <= CURVE_POINTS:
-        return list(curve)
-    last = len(curve) - 1
-    return [curve[round(i * last / (CURVE_POINTS - 1))] for i in range(CURVE_POINTS)]
-
-
-def _cell_tags(stage: str, record: Record) -> dict[str, str]:
-    cell: Cell = record.cell
-    tags = {"agent": cell.agent, "task": cell.task, "seed": str(cell.seed), "stage": stage, "status": record.status}
-    tags |= {"source": cell.source.kind if cell.source else "none", "of_group": cell.group, "commit": record.commit}
-    if cell.source is not None:
-        tags |= {"source_task": cell.source.task, "source_cell": cell.source.cell_id or "exact"}
-    if record.error:
-        tags["error"] = record.error[:5000]
-    return tags | {f"version.{name}": version for name, version in record.versions.items()}
-
-
-def _group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
-    """(metrics, tags) of an aggregate; what is undefined is said in a tag, never logged as a number."""
-    metrics: dict[str, float] = {"seeds": len(group.seeds), "failed": group.failed, "missing": group.missing}
-    tags = {"agent": group.agent, "task": group.task, "source": group.source, "stage": group.stage}
-    tags |= {"source_task": group.source_task} if group.source_task else {}
-    estimates: dict[str, Estimate | Any | None] = {
-        "auc": group.auc,
-        "auc_iqm": group.auc_iqm,
-        "training_auc": group.training_auc,
-        "asymptotic": group.asymptotic,
-        "max_abs_delta": group.max_abs_delta,
-    }
-    if group.auc_sd is not None:
-        metrics["auc_sd"] = group.auc_sd
-    if group.against_base is not None:
-        against = group.against_base
-        estimates |= {
-            "transfer_ratio": against.transfer_ratio,
-            "difference": against.difference,
-            "probability_of_improvement": against.probability_of_improvement,
-            "jumpstart": against.jumpstart,
-            "asymptotic_difference": against.asymptotic,
-        }
-        if against.transfer_ratio.undefined:
-            tags["transfer_ratio"] = f"undefined: {against.transfer_ratio.undefined}"
-    for name, estimate in estimates.items():
-        ends = () if estimate is None else (("", estimate.value), ("_low", estimate.low), ("_high", estimate.high))
-        metrics |= {name + suffix: value for suffix, value in ends if value is not None}
-    return metrics, tags
 
 
 def _write_ahead(uri: str) -> None:

@@ -12,7 +12,7 @@ from conftest import CELLS
 from mlflow.entities import Run
 from mlflow.tracking import MlflowClient
 
-from orchestrator import tracking
+from orchestrator import run_fields, tracking
 from orchestrator.errors import SweepError
 from orchestrator.publish import artifacts, publish
 from orchestrator.results import Results
@@ -147,10 +147,10 @@ def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(finished: Path
 
 def test_thinned_curves_keep_their_ends() -> None:
     curve = [(step, float(step)) for step in range(0, 5010, 10)]
-    thin = tracking.thinned(curve)
-    assert len(thin) == tracking.CURVE_POINTS
+    thin = run_fields.thinned(curve)
+    assert len(thin) == run_fields.CURVE_POINTS
     assert (thin[0], thin[-1]) == (curve[0], curve[-1])
-    assert tracking.thinned(curve[:5]) == curve[:5]
+    assert run_fields.thinned(curve[:5]) == curve[:5]
 
 
 def test_a_store_that_mlflow_does_not_know_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

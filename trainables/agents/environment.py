@@ -17,6 +17,7 @@ class _Unchecked(Discrete):
     """Actions that come from an argmax are in range: the check that every step makes costs as much as its physics."""
 
     def contains(self, x: Any) -> bool:
+        """Always."""
         return True
 
 

@@ -22,13 +22,26 @@ class Network(Protocol):
     sizes: NDArray[np.int64]
     """Inputs, hidden layers, actions; empty for a module of the user's own, whose shape only its factory knows."""
 
-    def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float: ...  # noqa: D102
-    def row(self, observation: F32) -> F32: ...  # noqa: D102
-    def rows(self, observations: F32) -> F32: ...  # noqa: D102
-    def vector(self) -> F32: ...  # noqa: D102
-    def load_vector(self, vector: F32) -> None: ...  # noqa: D102
-    def state(self) -> dict[str, Any]: ...  # noqa: D102
-    def restore(self, state: Mapping[str, Any]) -> None: ...  # noqa: D102
+    def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
+        """One step of Adam towards targets (B,) at observations (inputs, B), flat, and actions (B,); the loss before it."""
+
+    def row(self, observation: F32) -> F32:
+        """Q(s, .) (actions,) at one observation (inputs,)."""
+
+    def rows(self, observations: F32) -> F32:
+        """Q(s, .) (n, actions) at observations (n, inputs)."""
+
+    def vector(self) -> F32:
+        """A copy of all parameters, flat."""
+
+    def load_vector(self, vector: F32) -> None:
+        """Take over parameters that `vector` gave."""
+
+    def state(self) -> dict[str, Any]:
+        """Parameters and the optimiser's state, for a checkpoint."""
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned."""
 
 
 def new_network(
