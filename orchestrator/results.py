@@ -194,6 +194,7 @@ def cell_row(stage: str, cell: Cell, record: Record | None) -> dict[str, Any]:
         "final_return": returns[-1],
         "asymptotic": asymptotic(returns),
         "steps": record.points["step"][-1],
+        "steps_per_second": (record.points["step"][-1] or 0) / record.seconds if record.seconds else None,
     }
     extra = set(record.points) - {"episode", "step", "greedy_return", "discounted_return", "training_return", "seconds"}
     return row | {f"final_{name}": record.points[name][-1] for name in sorted(extra)}

@@ -9,6 +9,12 @@ from orchestrator.aggregates import Group
 from orchestrator.record import Record
 from orchestrator.statistics import Estimate
 
+CELL_METRICS = (
+    *("auc", "training_auc", "initial_return", "final_return", "asymptotic"),
+    *("seconds", "steps", "steps_per_second"),
+)
+"""Columns of the cells table that a cell's run has as metrics."""
+
 CURVE_POINTS = 51
 """Points of a curve that MLflow gets, evenly spaced, first and last included; the results table has them all."""
 

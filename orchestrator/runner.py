@@ -148,6 +148,8 @@ class Work:
     """Whether what each cell has learned is wanted."""
     checkpoints: Path
     """The folder for the states of long cells; a worker that does not see it works without."""
+    checkpoint_seconds: float
+    """Time between the checkpoints of a cell."""
 
 
 def run_stage(
@@ -157,7 +159,11 @@ def run_stage(
     relay = Relay(ended, display)
     folder = tempfile.mkdtemp(prefix="deltatune-")
     trainable = tune.with_parameters(
-        run_cells, sources=dict(work.sources), keep=work.keep, checkpoints=str(work.checkpoints)
+        run_cells,
+        sources=dict(work.sources),
+        keep=work.keep,
+        checkpoints=str(work.checkpoints),
+        checkpoint_seconds=work.checkpoint_seconds,
     )
     tuner = tune.Tuner(
         tune.with_resources(trainable, {"cpu": 1}),

@@ -44,6 +44,8 @@ class Settings:
     address: str | None = None
     """A running Ray cluster; None: this machine."""
     retry_failed: bool = False
+    checkpoint_seconds: float = 5.0
+    """Time between the checkpoints of a long cell."""
     params: Params = field(default_factory=dict)
 
 
@@ -147,7 +149,8 @@ class _Stages:
                 self.tally.workers = self._stack.enter_context(connection)
         with Display(self._console, stage, total, self.tally.workers) as display:
             taking = _Taking(stage, ledger, self.tally, display, self._on_record)
-            work = runner.Work(missing, searches, sources, keep, self._ledger.checkpoints)
+            every = self._settings.checkpoint_seconds
+            work = runner.Work(missing, searches, sources, keep, self._ledger.checkpoints, every)
             try:
                 self.tally.lost += runner.run_stage(work, self.tally.workers, taking, display, ledger)
             except Exception as error:
@@ -157,7 +160,8 @@ class _Stages:
         ledger.plan(stage, ledger.planned(stage))
         left = sum(not ledger.ended(cell, keep) for cell in ledger.planned(stage))
         if left and not self.tally.lost:
-            raise InterruptedSweepError(f"stopped with {left} cells of the {stage} stage left")
+            left_over = f"stopped with {left} cells of the {stage} stage left"
+            raise InterruptedSweepError(f"{left_over}; the same command goes on from here")
 
     def _sources(self, cells: Iterable[Cell]) -> dict[str, Arrays]:
         """The arrays of every source that `cells` use, by `Source.key`."""

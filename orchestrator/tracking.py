@@ -31,7 +31,7 @@ from orchestrator.describe import cell_name, group_name, markdown
 from orchestrator.errors import SweepError
 from orchestrator.record import Record
 from orchestrator.results import Results, cell_row
-from orchestrator.run_fields import cell_tags, group_figures, thinned
+from orchestrator.run_fields import CELL_METRICS, cell_tags, group_figures, thinned
 from trainables.cell import content_id
 
 logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database tables amid the display
@@ -59,8 +59,7 @@ class Mirror:
     def write_cell(self, stage: str, record: Record) -> None:
         """The run of one ended cell, unless it is there already."""
         row = cell_row(stage, record.cell, record)
-        names = ("auc", "training_auc", "initial_return", "final_return", "asymptotic", "seconds", "steps")
-        finals = {name: row[name] for name in names if row.get(name) is not None}
+        finals = {name: row[name] for name in CELL_METRICS if row.get(name) is not None}
         tags = cell_tags(stage, record)
         episodes = record.points.get("episode", [])
         curves = {

@@ -14,9 +14,6 @@ from trainables.evaluation import EvalPoint
 from trainables.knowledge import Knowledge
 from trainables.training import Training, train
 
-CHECKPOINT_SECONDS = 5.0
-"""Time between checkpoints of a cell; each is made at an evaluation."""
-
 Outcome = dict[str, Any]
 OnPoint = Callable[[EvalPoint], None]
 
@@ -27,12 +24,14 @@ def run_cell(
     *,
     keep: bool = False,
     checkpoints: Path | None = None,
+    checkpoint_seconds: float = 5.0,
     on_point: OnPoint = lambda point: None,
 ) -> Outcome:
     """Run a cell to its end: {cell, status, error, points, digest, seconds, knowledge}. A failure is an outcome too.
 
     source: gives the knowledge that the cell's source names. keep: whether what is learned is wanted.
     checkpoints: a folder for the cell's state, from which a later call goes on bit for bit; None: no checkpoints.
+    checkpoint_seconds: time between two of them; each is made at an evaluation.
     on_point: is told each evaluation of this call.
     """
     before: dict[str, Any] = curve.columns([])
@@ -47,7 +46,7 @@ def run_cell(
         for point in training:
             points.append(point)
             on_point(point)
-            if path is not None and time.perf_counter() - saved >= CHECKPOINT_SECONDS:
+            if path is not None and time.perf_counter() - saved >= checkpoint_seconds:
                 _save(path, training, curve.joined(before, curve.columns(points)))
                 saved = time.perf_counter()
         knowledge = training.knowledge().to_bytes() if keep else None

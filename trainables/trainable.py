@@ -56,6 +56,7 @@ def trainable(agent: str, task: str) -> Callable[[Config], None]:
 def metrics(point: EvalPoint) -> dict[str, float]:
     """An evaluation as a flat dictionary of numbers; what the point lacks is left out."""
     values = {field: getattr(point, field) for field in curve.FIELDS} | dict(point.statistics)
+    values["steps_per_second"] = point.step / point.seconds if point.seconds else None
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -92,13 +93,14 @@ def run_cells(
     sources: Mapping[str, Mapping[str, np.ndarray]] | None = None,
     keep: bool = False,
     checkpoints: str | None = None,
+    checkpoint_seconds: float = 5.0,
 ) -> None:
     """A sweep's trainable: run the cells of config["cells"] one after the other, and report each when it ends.
 
     sources: the arrays of each source, by `Cell.source_key`. keep: whether what each has learned is wanted too.
-    checkpoints: the folder for the states of long cells. A report has `ended`, the outcomes that the sweep's
-    callback takes over, or `progress`, the share of a long cell that is done. A cell that fails is an outcome like
-    another, and the next one runs.
+    checkpoints: the folder for the states of long cells, each saved once in `checkpoint_seconds` at the most.
+    A report has `ended`, the outcomes that the sweep's callback takes over, or `progress`, the share of a long cell
+    that is done. A cell that fails is an outcome like another, and the next one runs.
     """
     one_thread()
     for data in config["cells"]:
@@ -108,6 +110,7 @@ def run_cells(
             lambda cell: Knowledge((sources or {})[cell.source_key]) if cell.source else None,
             keep=keep,
             checkpoints=Path(checkpoints) if checkpoints else None,
+            checkpoint_seconds=checkpoint_seconds,
             on_point=_Progress(cell),
         )
         tune.report({"ended": [outcome]})

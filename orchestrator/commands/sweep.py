@@ -25,6 +25,7 @@ def sweep(
     workers: Annotated[int | None, typer.Option(min=1, help="Cells at a time; default: one per CPU.")] = None,
     address: Annotated[str | None, typer.Option(help="Join this Ray cluster: HOST:PORT or 'auto'.")] = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cells again.")] = False,
+    checkpoint_every: Annotated[float, typer.Option(min=0, help="Seconds between checkpoints of a long cell.")] = 5.0,
     mlflow: Annotated[bool, typer.Option(help="Record in MLflow.")] = True,
     tracking_uri: TrackingUri = None,
     as_json: Json = False,
@@ -55,7 +56,7 @@ def sweep(
     tracker = tracking.Tracker(results, uri) if mlflow else None
     tally = run(
         results,
-        Settings(workers, address, retry_failed, settled),
+        Settings(workers, address, retry_failed, checkpoint_every, settled),
         err if as_json else out,
         tracker.record if tracker else lambda stage, record: None,
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 import yaml
-from conftest import CELLS, SPACE
+from conftest import CELLS, SPACE, timeless
 from mlflow.tracking import MlflowClient
 
 ENOUGH = 6
@@ -42,9 +42,38 @@ def test_a_killed_sweep_goes_on_with_its_missing_cells(tmp_path: Path) -> None:
     subprocess.run(command(space, calm), capture_output=True, check=True)
     for name in ("cells", "points"):
         tables = [pd.read_parquet(folder / "small" / f"{name}.parquet") for folder in (killed, calm)]
-        pd.testing.assert_frame_equal(*(table.drop(columns="seconds") for table in tables), check_exact=True)
+        pd.testing.assert_frame_equal(
+            *(timeless(table) for table in tables),
+            check_exact=True,
+        )
     assert mlflow_runs(killed) == mlflow_runs(calm)
     assert set(mlflow_runs(killed).values()) == {1}
+
+
+def test_a_killed_deep_sweep_goes_on_from_its_checkpoints(tmp_path: Path) -> None:
+    space = tmp_path / "space.yaml"
+    values = {"episodes": [400], "evaluate_every": [20], "evaluation_episodes": [5], "hidden_size": [32]}
+    source = {"task": "cartpole", "agent": "dqn", "hyperparameters": {"learning_rate": [0.001]}}
+    scenarios = [{"source": source, "targets": ["cartpole:gravity=5x"]}]
+    space.write_text(
+        yaml.safe_dump(
+            SPACE | {"scenarios": scenarios, "agents": {"dqn": {}, "delta_es": {}}, "hyperparameters": values}
+        )
+    )
+    killed, calm = tmp_path / "killed", tmp_path / "calm"
+    words = [*command(space, killed), "--checkpoint-every", "0", "--no-mlflow"]
+    with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
+        deadline = time.monotonic() + 240
+        while not list(killed.glob("small/checkpoints/[0-9a-f]*.checkpoint")):
+            assert driver.poll() is None, "the sweep ended before it could be killed"
+            assert time.monotonic() < deadline, "no checkpoint was made"
+            time.sleep(0.05)
+        os.kill(driver.pid, signal.SIGKILL)
+    subprocess.run(words, capture_output=True, check=True)
+    assert not list(killed.glob("small/checkpoints/*"))
+    subprocess.run([*command(space, calm), "--no-mlflow"], capture_output=True, check=True)
+    tables = [timeless(pd.read_parquet(folder / "small" / "points.parquet")) for folder in (killed, calm)]
+    pd.testing.assert_frame_equal(*tables, check_exact=True)
 
 
 def mlflow_runs(storage: Path) -> Counter[tuple[str, str]]:

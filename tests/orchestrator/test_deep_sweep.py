@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import timeless
 from rich.console import Console
 
 from orchestrator.plan import SourceChoice, SourceRun, source_pairs, transfer_pairs
@@ -105,14 +106,13 @@ def test_a_seed_that_is_not_there_cannot_be_picked() -> None:
         parse("deep", data)
 
 
-def test_a_cell_that_is_cut_off_twice_goes_on_bit_for_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cell_run, "CHECKPOINT_SECONDS", 0.0)
+def test_a_cell_that_is_cut_off_twice_goes_on_bit_for_bit(tmp_path: Path) -> None:
     whole = cell_run.run_cell(small(), lambda cell: None, keep=True)
     for expected in ([0, 10], [10, 20]):
         episodes: list[int] = []
         _cut_off(tmp_path, expected[-1], episodes)
         assert episodes == expected
-    resumed = cell_run.run_cell(small(), lambda cell: None, keep=True, checkpoints=tmp_path)
+    resumed = cell_run.run_cell(small(), lambda cell: None, keep=True, checkpoints=tmp_path, checkpoint_seconds=0)
     assert resumed["digest"] == whole["digest"]
     assert resumed["knowledge"] == whole["knowledge"]
 
@@ -126,13 +126,12 @@ def _cut_off(folder: Path, episode: int, seen: list[int]) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        cell_run.run_cell(small(), lambda cell: None, checkpoints=folder, on_point=gone)
+        cell_run.run_cell(small(), lambda cell: None, checkpoints=folder, checkpoint_seconds=0, on_point=gone)
 
 
 def test_a_half_written_checkpoint_is_not_taken_for_a_whole_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cell_run, "CHECKPOINT_SECONDS", 0.0)
     whole = cell_run.run_cell(small(), lambda cell: None)
     _cut_off(tmp_path, 20, [])
     (path,) = tmp_path.glob("*.checkpoint")
@@ -144,9 +143,8 @@ def test_a_full_disk_costs_the_checkpoint_and_not_the_cell(tmp_path: Path, monke
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(cell_run, "CHECKPOINT_SECONDS", 0.0)
     monkeypatch.setattr(cell_run.checkpoint, "save", full)
-    assert cell_run.run_cell(small(), lambda cell: None, checkpoints=tmp_path)["status"] == "done"
+    assert cell_run.run_cell(small(), lambda cell: None, checkpoints=tmp_path, checkpoint_seconds=0)["status"] == "done"
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds the worker in /proc")
@@ -157,11 +155,11 @@ def test_a_killed_worker_is_replaced_and_the_table_is_the_same(
     killed: list[int] = []
     thread = threading.Thread(target=_kill_a_worker, args=(results, killed))
     thread.start()
-    tally = run(results, Settings(), Console(quiet=True))
+    tally = run(results, Settings(checkpoint_seconds=0), Console(quiet=True))
     thread.join()
     assert killed
     assert (tally.failed, tally.lost) == (0, [])
-    before, after = (each.write_tables()[1].drop(columns="seconds") for each in (swept, results))
+    before, after = (timeless(each.write_tables()[1]) for each in (swept, results))
     assert after.equals(before)
     learned = [SourceLibrary(each.storage).load(each.plan()["source"][0].id).digest for each in (swept, results)]
     assert learned[0] == learned[1]

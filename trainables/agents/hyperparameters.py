@@ -85,6 +85,7 @@ class DQN(Hyperparameters):
     learning_rate: Rate = 1e-4
     """Adam's step size."""
     hidden_layers: Count = 2
+    """Hidden layers (Table 6)."""
     hidden_size: Count = 256
     """Units of each hidden layer, with ReLU."""
     batch_size: Count = 128
@@ -98,7 +99,9 @@ class DQN(Hyperparameters):
     loss: Literal["squared", "huber"] = "squared"
     """Of the TD error."""
     epsilon_start: Probability = 1.0
+    """epsilon at the start (Table 6)."""
     epsilon_end: Probability = 0.01
+    """epsilon that is approached (Table 6)."""
     epsilon_decay: Positive = 500.0
     """epsilon = epsilon_end + (epsilon_start - epsilon_end) exp(-n / epsilon_decay)."""
     epsilon_unit: Literal["episodes", "steps"] = "episodes"

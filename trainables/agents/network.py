@@ -23,7 +23,7 @@ class Network(Protocol):
     """Inputs, hidden layers, actions; empty for a module of the user's own, whose shape only its factory knows."""
 
     def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
-        """One step of Adam towards targets (B,) at observations (inputs, B), flat, and actions (B,); the loss before it."""
+        """One Adam step towards targets (B,) at observations (inputs, B), flat, and actions (B,); the loss."""
 
     def row(self, observation: F32) -> F32:
         """Q(s, .) (actions,) at one observation (inputs,)."""
