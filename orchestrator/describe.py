@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import yaml
@@ -61,9 +61,17 @@ def _short(task: str) -> str:
     return task.replace("=", " ").replace("[", "(").replace("]", ")").replace(":", " ")
 
 
-def row(group: Group) -> tuple[str, ...]:
-    """A group's line of the table, under COLUMNS."""
-    against = group.against_base
+def shared(groups: Sequence[Group]) -> dict[str, Any]:
+    """The hyperparameters beside the defaults that all of several groups have in common."""
+    every = [varied(group.agent, group.task, group.hyperparameters) for group in groups]
+    if len(every) < 2:
+        return {}
+    return {name: value for name, value in every[0].items() if all(other.get(name) == value for other in every)}
+
+
+def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
+    """A group's line of the table, under COLUMNS, without the hyperparameters in `hide`."""
+    against, own = group.against_base, varied(group.agent, group.task, group.hyperparameters)
     seeds = f"{len(group.seeds)}" + (f", {group.failed} failed" if group.failed else "")
     seeds += f", {group.missing} missing" if group.missing else ""
     mean = "-" if group.auc is None else f"{group.auc.value:.2f} ({group.auc_sd:.2f})"
@@ -71,7 +79,7 @@ def row(group: Group) -> tuple[str, ...]:
         group.task,
         group.agent,
         group.source,
-        settings_text(varied(group.agent, group.task, group.hyperparameters)),
+        settings_text({name: value for name, value in own.items() if name not in hide}),
         seeds,
         mean,
         ratio_text(against.transfer_ratio) if against else "-",

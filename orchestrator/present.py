@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from orchestrator.aggregates import Group
-from orchestrator.describe import COLUMNS, row
+from orchestrator.describe import COLUMNS, row, settings_text, shared
 from trainables.agents import Agent
 from trainables.tasks import TaskFamily, Value
 
@@ -31,16 +31,16 @@ def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | 
     tried: group id to the number of configurations that it is the best of.
     """
     lines: list[tuple[str, ...]] = []
-    last = ""
+    last, common = "", shared(groups)
     for group in sorted(groups, key=lambda group: group.task):
-        cells = list(row(group))
+        cells = list(row(group, common))
         of = (tried or {}).get(group.id, 1)
         cells[3] += f" (best of {of})" if of > 1 else ""
         colour = _colour(group)
         cells[-2:] = [f"[{colour}]{escape(cell)}[/]" if colour else escape(cell) for cell in cells[-2:]]
         lines.append(("" if cells[0] == last else escape(cells[0]), *cells[1:]))
         last = cells[0]
-    return table(COLUMNS, lines, title)
+    return table(COLUMNS, lines, title + (f"; all with {settings_text(common)}" if common else ""))
 
 
 def _colour(group: Group) -> str | None:

@@ -120,11 +120,18 @@ def _once(what: str, names: list[str]) -> None:
 
 
 def _check_shapes(source: Task, target: Task) -> None:
-    """Source knowledge is only of use on the same states and actions."""
-    if source.tabular != target.tabular:
-        raise ValueError(f"targets: {target.name} and the source {source.name} do not share states and actions")
-    if source.tabular:
-        shapes = [(d.states, d.actions) for d in (source.dynamics(), target.dynamics())]
-        if shapes[0] != shapes[1]:
-            states = f"(states, actions) {shapes[1]}, the source {source.name} {shapes[0]}"
-            raise ValueError(f"targets: {target.name} has {states}")
+    """Source knowledge is only of use on the same states, or observations, and actions."""
+    if source.family is target.family:
+        return
+    spaces = [_spaces(source), _spaces(target)]
+    if spaces[0] != spaces[1]:
+        raise ValueError(f"targets: {target.name} has {spaces[1]}, the source {source.name} {spaces[0]}")
+
+
+def _spaces(task: Task) -> str:
+    """The shape of its observations (or its states) and its actions, in words."""
+    env = task.make()
+    states, actions = getattr(env.observation_space, "n", None), getattr(env.action_space, "n", None)
+    shape = env.observation_space.shape
+    env.close()
+    return f"{states} states and {actions} actions" if states else f"observations {shape} and {actions} actions"

@@ -142,7 +142,11 @@ BAD = {
         ["windy_gridworld:wind=small", "windy_gridworld:start=[3,0],wind=small"],
         ["windy_gridworld:wind=small is given twice"],
     ),
-    "a target of another shape": ("scenarios.0.targets.0", "supply_chain", ["supply_chain", "(2601, 100)", "(400, 4)"]),
+    "a target of another shape": (
+        "scenarios.0.targets.0",
+        "supply_chain",
+        ["supply_chain has 2601 states and 100 actions", "400 states and 4"],
+    ),
     "an unknown kind of source": ("scenarios.0.source.kinds", ["guessed"], ["kinds", "got 'guessed'"]),
     "a source that needs one itself": ("scenarios.0.source.agent", "ppr", ["source.agent", "got ppr"]),
     "an unknown source agent": ("scenarios.0.source.agent", "sarsa", ["unknown agent 'sarsa'"]),
