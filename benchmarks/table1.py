@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from orchestrator.aggregates import Group, groups
-from orchestrator.describe import estimate_text, ratio_text, settings_text
+from orchestrator.describe import estimate_text, ratio_text, settings_text, varied
 from orchestrator.results import Results
 from orchestrator.selection import select
 from trainables.tasks import parse_task
@@ -24,17 +24,24 @@ PAPER = {
 """Table 1 of the paper: AUC mean (sd) and transfer ratio."""
 
 
+def named(group: Group) -> dict[str, object]:
+    """The hyperparameters that tell the agent's configurations apart."""
+    values = varied(group.agent, group.task, group.hyperparameters)
+    return {name: value for name, value in values.items() if name in ("threshold", "nu", "advice_fraction")}
+
+
 def row(group: Group) -> str:
     """A group's line of the table."""
     paper = {parse_task(task).name: values for task, values in PAPER.items()}.get(group.task, {}).get(group.agent, "-")
     against = group.against_base
-    own = settings_text({k: v for k, v in group.hyperparameters.items() if k in ("learning_rate", "advice_fraction")})
+    own = settings_text({"learning_rate": group.hyperparameters["learning_rate"]} | named(group))
     mean = (
         f"{group.auc.value:.2f} ({group.auc_sd:.2f}) [{group.auc.low:.1f}, {group.auc.high:.1f}]" if group.auc else "-"
     )
     ratio, gap = (ratio_text(against.transfer_ratio), estimate_text(against.difference)) if against else ("-", "-")
     better = f"{against.probability_of_improvement.value:.2f}" if against else "-"
-    cells = (group.task, group.agent, own, str(len(group.seeds)), mean, ratio, gap, better, paper)
+    source = "" if group.source == "none" else f" ({group.source})"
+    cells = (group.task, group.agent + source, own, str(len(group.seeds)), mean, ratio, gap, better, paper)
     return "|" + "|".join(cells) + "|"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from orchestrator.plan import Pair, SourceRun, unique
+from orchestrator.plan import Pair, SourceRun
 from orchestrator.provenance import commit, versions
 from orchestrator.record import Record
 from orchestrator.results import Results, cell_row
@@ -26,19 +26,19 @@ class Ledger:
         self.checkpoints = results.folder / "checkpoints"
         self._results = results
         self._retry_failed = retry_failed
-        self._plan = results.plan()
+        self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in results.plan().items()}
         self._records: dict[str, Record | None] = {}
         self._new: set[str] = set()
 
     def plan(self, stage: str, cells: Iterable[Cell]) -> list[Cell]:
         """Write down the cells of a stage; each once."""
-        self._plan[stage] = unique(cells)
-        self._results.set_plan(self._plan)
-        return self._plan[stage]
+        self._plan[stage] = {cell.id: cell for cell in cells}
+        self._results.set_plan({name: list(planned.values()) for name, planned in self._plan.items()})
+        return self.planned(stage)
 
     def planned(self, stage: str) -> list[Cell]:
         """The cells of a stage as known now, those that a search has asked for included."""
-        return self._plan[stage]
+        return list(self._plan[stage].values())
 
     def record(self, cell: Cell) -> Record | None:
         """The cell's record, None where it has not ended; InputError where it is damaged."""
@@ -72,9 +72,16 @@ class Ledger:
         aucs = [auc(record.returns) for record in records if record is not None and record.status == "done"]
         return auc(aucs) if len(aucs) == len(cells) else None
 
-    def take(self, stage: str, outcome: dict[str, Any]) -> Record:
-        """Put the outcome of a cell on disk: first what it has learned, then its record."""
+    def take(self, stage: str, outcome: dict[str, Any]) -> Record | None:
+        """Put the outcome of a cell on disk: first what it has learned, then its record.
+
+        None where the cell is done already, which a trial that was started again after its worker was lost tells
+        a second time.
+        """
         cell = Cell.from_json(outcome.pop("cell"))
+        before = self._records.get(cell.id)
+        if cell.id in self._new and before is not None and before.status == "done":
+            return None
         knowledge: bytes | None = outcome.pop("knowledge")
         if knowledge is not None:
             self.library.save(cell, Knowledge.from_bytes(knowledge)[0])
@@ -83,7 +90,7 @@ class Ledger:
         (self.checkpoints / f"{cell.id}.checkpoint").unlink(missing_ok=True)
         self._records[cell.id] = record
         self._new.add(cell.id)
-        self._plan[stage] = unique([*self._plan[stage], cell])
+        self._plan[stage][cell.id] = cell
         return record
 
     def searched(self, pair: Pair) -> list[Cell]:

@@ -102,11 +102,6 @@ def transfer_pairs(space: SearchSpace, choices: Sequence[SourceChoice], params: 
     return list(pairs.values())
 
 
-def unique(cells: Iterable[Cell]) -> list[Cell]:
-    """Each cell once, in the order of its first appearance."""
-    return list({cell.id: cell for cell in cells}.values())
-
-
 def _source_pair(space: SearchSpace, scenario: Scenario, params: Params) -> Pair | None:
     source = scenario.source
     if not source.hyperparameters and "learned" not in source.kinds:

@@ -194,6 +194,8 @@ class _Taking:
         except OSError as error:
             self.failure = error
             raise
+        if record is None:
+            return
         self.tally.ran += 1
         self.tally.failed += record.status == "failed"
         self.tally.training_seconds += record.seconds

@@ -18,6 +18,7 @@ from rich.console import Console
 from orchestrator import runner
 from orchestrator.errors import SweepError
 from orchestrator.export import read_params, write_best
+from orchestrator.ledger import Ledger
 from orchestrator.replay import replay
 from orchestrator.results import Results
 from orchestrator.status import sweep_status
@@ -147,6 +148,16 @@ def test_a_cell_that_raises_is_reported_with_its_place_and_the_next_one_runs() -
     assert result["error"].startswith("InputError: the source is not a Q table")
     assert "knowledge.py:" in result["error"]
     assert run_cell(good, lambda cell: None, keep=True)["status"] == "done"
+
+
+def test_an_outcome_that_is_told_twice_counts_once(tmp_path: Path) -> None:
+    results = Results.create(tmp_path, "small", parse("small", SPACE))
+    ledger = Ledger(results, retry_failed=False)
+    cell = Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 10})
+    ledger.plan("source", [cell])
+    assert ledger.take("source", run_cell(cell, lambda cell: None)) is not None
+    assert ledger.take("source", run_cell(cell, lambda cell: None)) is None
+    assert len(list((results.folder / "cells").glob("*"))) == 1
 
 
 def test_two_drivers_at_one_sweep_are_refused_and_a_dead_ones_lock_is_free(storage: Path) -> None:

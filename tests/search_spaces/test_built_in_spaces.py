@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from orchestrator.plan import Pair, SourceChoice, SourceRun, source_pairs, transfer_pairs, unique
+from orchestrator.plan import Pair, SourceChoice, SourceRun, source_pairs, transfer_pairs
 from search_spaces import Grid, SearchSpace, built_in, load, parse
 from trainables.cell import Cell
 
@@ -20,8 +20,8 @@ def _plan(space: SearchSpace) -> tuple[list[Cell], list[Cell]]:
     pairs = [pair for pair in source_pairs(space, {}) if pair is not None]
     transfers = transfer_pairs(space, [_source_choice(pair) for pair in pairs], {})
     return (
-        unique(cell for pair in pairs for cell in pair.all_cells()),
-        unique(cell for pair in transfers for cell in pair.all_cells()),
+        list({cell.id: cell for pair in pairs for cell in pair.all_cells()}.values()),
+        list({cell.id: cell for pair in transfers for cell in pair.all_cells()}.values()),
     )
 
 
