@@ -24,6 +24,10 @@ PAPER = {
 """Table 1 of the paper: AUC mean (sd) and transfer ratio."""
 
 
+PAPER_SHARE = 0.25
+"""The advice fraction of Table 1 (Appendix C)."""
+
+
 def named(group: Group) -> dict[str, object]:
     """The hyperparameters that tell the agent's configurations apart."""
     values = varied(group.agent, group.task, group.hyperparameters)
@@ -32,7 +36,9 @@ def named(group: Group) -> dict[str, object]:
 
 def row(group: Group) -> str:
     """A group's line of the table."""
+    its_share = group.hyperparameters.get("advice_fraction", PAPER_SHARE) == PAPER_SHARE
     paper = {parse_task(task).name: values for task, values in PAPER.items()}.get(group.task, {}).get(group.agent, "-")
+    paper = paper if its_share else "-"
     against = group.against_base
     own = settings_text({"learning_rate": group.hyperparameters["learning_rate"]} | named(group))
     mean = (

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import rich.box
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from orchestrator.aggregates import Group
 from orchestrator.describe import COLUMNS, row, settings_text, shared
@@ -15,13 +15,13 @@ from trainables.agents import Agent
 from trainables.tasks import TaskFamily, Value
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> Table:
+def table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], title: str | None = None) -> Table:
     """A plain table; the cells of the first column are never cut."""
     result = Table(title=title, box=rich.box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     for number, column in enumerate(columns):
         result.add_column(column, overflow="fold", no_wrap=number == 0)
     for cells in rows:
-        result.add_row(*cells)
+        result.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells))
     return result
 
 
@@ -30,23 +30,22 @@ def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | 
 
     tried: group id to the number of configurations that it is the best of.
     """
-    lines: list[tuple[str, ...]] = []
+    lines: list[tuple[str | Text, ...]] = []
     last, common = "", shared(groups)
     for group in sorted(groups, key=lambda group: group.task):
-        cells = list(row(group, common))
+        cells: list[str | Text] = list(row(group, common))
         of = (tried or {}).get(group.id, 1)
         cells[3] += f" (best of {of})" if of > 1 else ""
-        colour = _colour(group)
-        cells[-2:] = [f"[{colour}]{escape(cell)}[/]" if colour else escape(cell) for cell in cells[-2:]]
-        lines.append(("" if cells[0] == last else escape(cells[0]), *cells[1:]))
-        last = cells[0]
+        cells[-2:] = [Text(str(cell), style=_colour(group)) for cell in cells[-2:]]
+        lines.append(("" if group.task == last else group.task, *cells[1:]))
+        last = group.task
     return table(COLUMNS, lines, title + (f"; all with {settings_text(common)}" if common else ""))
 
 
-def _colour(group: Group) -> str | None:
+def _colour(group: Group) -> str:
     gap = group.against_base.difference if group.against_base else None
     if gap is None or gap.low is None or gap.high is None or gap.low <= 0 <= gap.high:
-        return None
+        return ""
     return "green" if gap.low > 0 else "red"
 
 

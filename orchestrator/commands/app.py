@@ -11,22 +11,23 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
 app = typer.Typer(
     no_args_is_help=True,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     add_completion=False,
     help="Does knowledge from this task help or hurt on that one?\n\n"
-    "Sweeps of transfer agents, with delta as the gatekeeper of transfer. Start with [bold]deltatune sweep demo[/], "
-    "then look at it with [bold]deltatune ui[/].",
+    "Sweeps of transfer agents, with delta as the gatekeeper of transfer. Start with `deltatune sweep demo`, "
+    "then look at it with `deltatune ui`.",
 )
 
 
 def _console(stderr: bool) -> Console:
     """A console that does not fold its lines at 80 columns where it is not a terminal."""
     stream = sys.stderr if stderr else sys.stdout
-    return Console(stderr=stderr, highlight=False, width=None if stream.isatty() else 160)
+    return Console(stderr=stderr, highlight=False, markup=False, width=None if stream.isatty() else 160)
 
 
 out, err = _console(stderr=False), _console(stderr=True)
@@ -47,6 +48,11 @@ def program() -> str:
     if found is not None and Path(found).resolve() == Path(called).resolve():
         return Path(called).name
     return os.path.relpath(called) if Path(called).name == "deltatune" else "deltatune"
+
+
+def print_named(name: str, text: str, style: str = "bold") -> None:
+    """Print 'name: text' with the name set off. Nothing in either is taken for markup."""
+    out.print(Text.assemble((name, style), ": ", text), soft_wrap=True)
 
 
 def print_json(data: Any) -> None:

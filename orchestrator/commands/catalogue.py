@@ -9,15 +9,15 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.commands.app import Json, app, out, print_json
+from orchestrator.commands.app import Json, app, out, print_json, print_named
 
 
 @app.command()
 def tasks(as_json: Json = False) -> None:
     """List the tasks and their context features.
 
-    A task is named NAME[:FEATURE=VALUE,...]: [bold]windy_gridworld[/], [bold]windy_gridworld:wind=reversed[/],
-    [bold]supply_chain:demand_mean=5[/]; 2x means twice the default. Quote names with brackets.
+    A task is named NAME[:FEATURE=VALUE,...]: `windy_gridworld`, `windy_gridworld:wind=reversed`,
+    `supply_chain:demand_mean=5`; 2x means twice the default. Quote names with brackets.
     """
     from orchestrator.present import table, task_data
     from trainables.tasks import families
@@ -27,7 +27,7 @@ def tasks(as_json: Json = False) -> None:
         print_json(data)
         return
     for family in data:
-        out.print(f"[bold]{family['name']}[/]: {family['description']}")
+        print_named(family["name"], family["description"])
         rows = [
             (f["name"], json.dumps(f["default"]), f["description"], ", ".join(f["named_values"]))
             for f in family["features"]
@@ -47,7 +47,7 @@ def agents(as_json: Json = False) -> None:
         print_json(data)
         return
     for agent in data:
-        out.print(f"[bold]{agent['name']}[/]: {agent['description']}")
+        print_named(agent["name"], agent["description"])
         rows = [(h["name"], str(h["default"]), h["description"] or "") for h in agent["hyperparameters"]]
         out.print(table(("hyperparameter", "default", "meaning"), rows))
 
@@ -57,7 +57,7 @@ def spaces(
     name: Annotated[str | None, typer.Argument(help="Show this one's YAML, to start your own from.")] = None,
     as_json: Json = False,
 ) -> None:
-    """List the built-in search spaces, or show one: [bold]deltatune spaces demo > mine.yaml[/]."""
+    """List the built-in search spaces, or show one: `deltatune spaces demo > mine.yaml`."""
     from orchestrator.present import table
     from search_spaces import built_in, load
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from orchestrator.commands.app import err, out, print_json, program
+from orchestrator.commands.app import err, out, print_json, print_named, program
 from orchestrator.export import best
 from orchestrator.present import group_table
 from orchestrator.publish import Published, artifacts, publish
@@ -54,7 +54,7 @@ def _print_report(results: Results, tally: Tally, published: Published, tracker:
     if incomplete:
         out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
     for error in tally.lost:
-        out.print(f"[red]A worker was lost for good:[/] {error}")
+        print_named("A worker was lost for good", error, "red")
     total = tally.seconds + after
     share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
     out.print(
@@ -67,8 +67,8 @@ def _print_report(results: Results, tally: Tally, published: Published, tracker:
     if published.best:
         out.print(f"Best:     {published.best}", soft_wrap=True)
     if tracker and tracker.error:
-        out.print(
-            f"[yellow]MLflow has not got everything[/] ({tracker.error}); the results are whole. When it is back:"
+        print_named(
+            "MLflow has not got everything", f"{tracker.error}. The results are whole; when it is back:", "yellow"
         )
         out.print(f"          {program()} sync {results.name} --storage {results.storage}", soft_wrap=True)
     elif tracker:

@@ -12,7 +12,9 @@ from orchestrator.commands.app import RESULTS, Json, Storage, TrackingUri, app, 
 
 @app.command()
 def sweep(
-    space: Annotated[str, typer.Argument(help="A built-in search space (see 'deltatune spaces') or a YAML file.")],
+    space: Annotated[
+        str, typer.Argument(metavar="SPACE", help="A built-in search space (see 'deltatune spaces') or a YAML file.")
+    ],
     name: Annotated[str | None, typer.Option(help="The sweep's name; default: the search space's.")] = None,
     storage: Storage = RESULTS,
     task: Annotated[list[str] | None, typer.Option("--tasks", help="Only these target tasks; repeat for more.")] = None,
@@ -33,8 +35,8 @@ def sweep(
     """Run a search space: train the sources, then every agent on every target, and compare.
 
     The same command again continues what was interrupted and runs what a grown search space adds; cells that are
-    done are never run twice. Try [bold]deltatune sweep demo[/], or a small
-    [bold]deltatune sweep demo --seeds 2 --set episodes=500 --name try[/].
+    done are never run twice. Try `deltatune sweep demo`, or a small
+    `deltatune sweep demo --seeds 2 --set episodes=500 --name try`.
     """
     from orchestrator.environment import prepare
 

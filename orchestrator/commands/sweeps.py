@@ -8,7 +8,18 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.commands.app import RESULTS, Json, Storage, Sweep, TrackingUri, app, out, print_json, program
+from orchestrator.commands.app import (
+    RESULTS,
+    Json,
+    Storage,
+    Sweep,
+    TrackingUri,
+    app,
+    out,
+    print_json,
+    print_named,
+    program,
+)
 
 
 @app.command()
@@ -33,7 +44,8 @@ def status(
     out.print(table(("sweep", "stage", "done", "failed", "missing", "running in"), rows))
     for data in found:
         for failure in data["failures"]:
-            out.print(f"[red]{failure['cell_id']}[/] {failure['agent']} on {failure['task']}: {failure['error']}")
+            what = f"{failure['cell_id']} {failure['agent']} on {failure['task']}, seed {failure['seed']}"
+            print_named(what, failure["error"], "red")
 
 
 @app.command()
@@ -101,7 +113,7 @@ def ui(
 ) -> None:
     """Open the MLflow UI on the sweeps of a storage folder.
 
-    In the runs table, the filter [bold]tags.kind = 'aggregate'[/] sorted by [bold]auc[/] is a leaderboard.
+    In the runs table, the filter `tags.kind = 'aggregate'` sorted by `auc` is a leaderboard.
     """
     from orchestrator.environment import prepare
 
