@@ -50,7 +50,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[int]:
     if address is None:
         ray.init(address="local", num_cpus=workers or _own_cpus(), include_dashboard=False, **quiet)
     else:
-        _answers(address)
+        check_address(address)
         try:
             ray.init(address=address, runtime_env={"working_dir": str(_code()), "excludes": _EXCLUDES}, **quiet)
         except (ConnectionError, RuntimeError, ValueError) as error:
@@ -69,8 +69,8 @@ def _own_cpus() -> int:
     return os.cpu_count() or 1
 
 
-def _answers(address: str) -> None:
-    """Ray itself would try for minutes to reach a head that is not there."""
+def check_address(address: str) -> None:
+    """Raise InputError where no cluster can be at `address`: Ray itself would try for minutes to reach it."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdigit():
         if address == "auto":

@@ -54,6 +54,10 @@ def sweep(
     )
     settled = read_params(params) if params else {}
     uri = store_uri(storage, tracking_uri)
+    if address:
+        from orchestrator.runner import check_address
+
+        check_address(address)
     results = Results.create(storage, name or chosen.name, chosen)
     tracker = tracking.Tracker(results, uri) if mlflow else None
     tally = run(

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-pytest.importorskip("stable_baselines3", reason="the bench extra is not installed")
+pytest.importorskip("stable_baselines3", reason="the public peer is not installed")
 
 
 @pytest.mark.slow

@@ -170,6 +170,8 @@ def test_reading_commands(terminal: Terminal, finished: Path, tmp_path: Path) ->
         (["sweep", "demo", "--name", "../x"], "a sweep's name must be"),
         (["sweep", "demo", "--params", "/nowhere.yaml"], "cannot read /nowhere.yaml: No such file or directory"),
         (["sweep", "demo", "--tracking-uri", "gopher://x"], "a tracking URI must start with sqlite:"),
+        (["sweep", "demo", "--address", "somewhere"], "a cluster's address is HOST:PORT or 'auto' (got 'somewhere')"),
+        (["sweep", "demo", "--address", "127.0.0.1:1"], "no Ray cluster answers at '127.0.0.1:1': Connection refused"),
         (["sweep", "/nowhere.yaml"], "cannot read /nowhere.yaml: No such file or directory"),
         (["export", "nothing"], "unknown sweep in results 'nothing'"),
         (["replay", "../../x"], "a cell id is 16 hexadecimal digits (got '../../x')"),
