@@ -38,7 +38,7 @@ class TorchNetwork:
         self._device = torch.device(settings.device)
         sizes = () if settings.module else (inputs, *hidden, actions)
         self.sizes = np.array(sizes, dtype=np.int64)
-        module = _factory(settings.module)(inputs, actions) if settings.module else _perceptron(sizes)
+        module = _own(settings.module, inputs, actions, generator) if settings.module else _perceptron(sizes)
         if generator is not None:
             _initialise(module, generator)
         self.module = module.to(self._device)
@@ -102,6 +102,15 @@ class TorchNetwork:
 
     def _tensor(self, array: NDArray[Any]) -> torch.Tensor:
         return torch.from_numpy(array).to(self._device)
+
+
+def _own(name: str, inputs: int, actions: int, generator: torch.Generator | None) -> nn.Module:
+    """The user's module; what its factory draws comes from the cell's own stream and leaves torch's as it was."""
+    factory = _factory(name)
+    with torch.random.fork_rng(devices=[]):
+        if generator is not None:
+            torch.manual_seed(int(torch.randint(2**62, (1,), generator=generator)))
+        return factory(inputs, actions)
 
 
 def _perceptron(sizes: tuple[int, ...]) -> nn.Module:

@@ -307,6 +307,22 @@ def test_a_module_of_the_users_own_trains_and_resumes(agent: str, tmp_path: Path
     assert resumed.knowledge().digest == whole.knowledge().digest
 
 
+def random_module(inputs: int, actions: int) -> torch.nn.Module:
+    """A module that draws a parameter of its own."""
+    module = torch.nn.Sequential(torch.nn.Linear(inputs, actions))
+    module.register_parameter("noise", torch.nn.Parameter(torch.randn(3)))
+    return module
+
+
+def test_what_a_module_of_the_users_own_draws_comes_from_the_cells_stream() -> None:
+    digests = []
+    for _ in range(2):
+        torch.randn(1)
+        training = train(Cell.create("dqn", "cartpole", 0, SMALL | {"module": f"{__name__}:random_module"}))
+        digests.append(training.knowledge().digest)
+    assert digests[0] == digests[1]
+
+
 def test_any_discrete_gymnasium_task_trains() -> None:
     for task in ("gym:MountainCar-v0:gravity=2x", "gym:FrozenLake-v1"):
         points = list(train(Cell.create("dqn", task, 0, SMALL | {"episodes": 2, "evaluate_every": 2})))
