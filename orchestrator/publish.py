@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+import pandas as pd
+
 from orchestrator.aggregates import Group, groups
+from orchestrator.describe import COLUMNS, row
 from orchestrator.export import write_best
 from orchestrator.plan import Key
 from orchestrator.results import Results
@@ -30,9 +33,12 @@ class Published:
 
 
 def publish(results: Results) -> Published:
-    """Write a sweep's tables, figures and best.yaml."""
+    """Write a sweep's tables (table.csv is the one for people: a row per configuration), figures and best.yaml."""
     cells, _ = results.write_tables()
     every = groups(cells)
+    pd.DataFrame([row(group) for group in every], columns=list(COLUMNS)).to_csv(
+        results.folder / "table.csv", index=False
+    )
     draw: Callable[[Results], list[Path]] = import_module(DASHBOARDS).draw
     figures = draw(results)
     best: Path | None = results.folder / "best.yaml"
@@ -45,6 +51,6 @@ def publish(results: Results) -> Published:
 
 def artifacts(results: Results) -> list[Path]:
     """The files of a sweep that belong into MLflow."""
-    names = ("cells.parquet", "points.parquet", "best.yaml")
+    names = ("table.csv", "cells.parquet", "points.parquet", "best.yaml")
     files = [results.folder / name for name in names] + sorted((results.folder / "figures").glob("*"))
     return [path for path in files if path.is_file()]
