@@ -89,16 +89,25 @@ def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
 
 def estimate_text(estimate: Estimate) -> str:
     """'+3.2 [1.0, 5.4]'."""
-    ends = "" if estimate.low is None else f" [{estimate.low:+.1f}, {estimate.high:+.1f}]"
-    return f"{estimate.value:+.1f}{ends}"
+    ends = ""
+    if estimate.low is not None and estimate.high is not None:
+        ends = f" [{_signed(estimate.low, 1)}, {_signed(estimate.high, 1)}]"
+    return _signed(estimate.value, 1) + ends
 
 
 def ratio_text(ratio: TransferRatio) -> str:
     """'+12% [3, 21]', or 'undefined'."""
     if ratio.value is None:
         return "undefined"
-    ends = "" if ratio.low is None or ratio.high is None else f" [{ratio.low * 100:+.0f}, {ratio.high * 100:+.0f}]"
-    return f"{ratio.value * 100:+.0f}%{ends}"
+    ends = ""
+    if ratio.low is not None and ratio.high is not None:
+        ends = f" [{_signed(ratio.low * 100)}, {_signed(ratio.high * 100)}]"
+    return f"{_signed(ratio.value * 100)}%{ends}"
+
+
+def _signed(value: float, digits: int = 0) -> str:
+    """A number with its sign; what rounds to 0 is +0."""
+    return f"{round(value, digits) + 0.0:+.{digits}f}"
 
 
 def markdown(results: Results, groups: Sequence[Group]) -> str:
