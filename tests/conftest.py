@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import hypothesis
 import pandas as pd
 import pytest
 
 from orchestrator.environment import prepare
 
 prepare()
+hypothesis.settings.register_profile("deltatune", deadline=None)  # a busy machine is no failure
+hypothesis.settings.load_profile("deltatune")
 
 SPACE = {
     "schema": 1,
