@@ -18,8 +18,8 @@ LOG_EVERY = 15.0
 class Display:
     """Counts of one stage: done, running, failed, left; time to go; the best cell so far."""
 
-    def __init__(self, console: Console, stage: str, total: int, workers: int) -> None:
-        self._console, self._stage, self._total, self._workers = console, stage, total, workers
+    def __init__(self, console: Console, stage: str, total: int) -> None:
+        self._console, self._stage, self._total = console, stage, total
         self._done = self._failed = self._running = 0
         self._shares: dict[str, float] = {}
         self._best: tuple[float, str] | None = None
@@ -71,11 +71,6 @@ class Display:
     def running(self, cells: int) -> None:
         """Take in how many cells are running."""
         self._running = cells
-        self._show()
-
-    def grow(self, total: int) -> None:
-        """Take in a new total, as a search goes on."""
-        self._total = total
         self._show()
 
     def _show(self) -> None:

@@ -113,13 +113,20 @@ def probability_of_improvement(with_transfer: Sequence[float], without: Sequence
     """P(a run with transfer beats one without), ties counted half, with a bootstrap interval over seeds of each."""
     x, y = _array(with_transfer), _array(without)
     wins = (np.sign(x[:, None] - y[None, :]) + 1) / 2
-    draws_x, draws_y = _draws(len(x), 2 * len(x)), _draws(len(y), 2 * len(y) + 1)
-    resampled = np.array([wins[np.ix_(i, j)].mean() for i, j in zip(draws_x, draws_y, strict=True)])
+    times_x, times_y = _times(_draws(len(x), 2 * len(x))), _times(_draws(len(y), 2 * len(y) + 1))
+    resampled = (times_x @ wins * times_y).sum(axis=1) / wins.size  # sums of halves: exact in any order
     return _bootstrapped(float(wins.mean()), resampled, min(len(x), len(y)))
 
 
 def _draws(n: int, seed: int) -> NDArray[np.int64]:
     return np.random.default_rng(seed).integers(0, n, (RESAMPLES, n))
+
+
+def _times(draws: NDArray[np.int64]) -> NDArray[np.float64]:
+    """How often each of n seeds is in each resample, (RESAMPLES, n)."""
+    times = np.zeros(draws.shape)
+    np.add.at(times, (np.arange(len(draws))[:, None], draws), 1.0)
+    return times
 
 
 def _bootstrapped(value: float, resampled: NDArray[np.float64], n: int) -> Estimate:

@@ -147,7 +147,7 @@ class _Stages:
             with self._console.status("starting Ray"):
                 connection = runner.connected(self._settings.workers, self._settings.address)
                 self.tally.workers = self._stack.enter_context(connection)
-        with Display(self._console, stage, total, self.tally.workers) as display:
+        with Display(self._console, stage, total) as display:
             taking = _Taking(stage, ledger, self.tally, display, self._on_record)
             every = self._settings.checkpoint_seconds
             work = runner.Work(missing, searches, sources, keep, self._ledger.checkpoints, every)

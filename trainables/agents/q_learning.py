@@ -146,7 +146,6 @@ class TabularLearner:
         settings = cell.settings
         assert isinstance(settings, QLearning)
         self._settings = settings
-        self._agent = cell.agent
         self._dynamics = parse_task(cell.task).dynamics()
         self._model = model_of(cell.task)
         self._tables = _tables(cell.agent, self._dynamics, source)

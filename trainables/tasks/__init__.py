@@ -1,4 +1,4 @@
-"""The tasks that have a name. Add one: write its file, and add its family to `_families`."""
+"""The tasks that have a name. Add one: write its file, and add its module to `families`."""
 
 from __future__ import annotations
 
