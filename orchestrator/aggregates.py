@@ -48,6 +48,8 @@ class Group:
     seeds: tuple[int, ...]
     """Seeds that are done."""
     failed: int
+    stopped: int
+    """Cells that a scheduler has ended early."""
     missing: int
     auc: Estimate | None
     """Mean over seeds; None where no cell is done."""
@@ -63,7 +65,7 @@ class Group:
     @property
     def complete(self) -> bool:
         """Whether every seed is done: only such a group is ever selected."""
-        return bool(self.seeds) and not self.failed and not self.missing
+        return bool(self.seeds) and not self.failed and not self.stopped and not self.missing
 
 
 def groups(cells: pd.DataFrame) -> list[Group]:
@@ -98,6 +100,7 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         hyperparameters=json.loads(first["hyperparameters"]),
         seeds=tuple(int(seed) for seed in done["seed"]),
         failed=int((frame["status"] == "failed").sum()),
+        stopped=int((frame["status"] == "stopped").sum()),
         missing=int((frame["status"] == "missing").sum()),
         auc=_mean(done, "auc"),
         auc_sd=statistics.sd(list(done["auc"])) if len(done) else None,
@@ -134,12 +137,26 @@ def _compare(done: pd.DataFrame, without: pd.DataFrame) -> Comparison | None:
     )
 
 
+NO_CURVE = pd.DataFrame({"episode": [], "mean": [], "low": [], "high": []})
+"""The mean curve of a group without a done cell."""
+
+
 def mean_curve(points: pd.DataFrame, cells: pd.DataFrame, group: str, column: str = "greedy_return") -> pd.DataFrame:
     """(episode, mean, low, high) over the done seeds of a group, with Student's t interval at each point."""
     ids = cells.loc[(cells["group"] == group) & (cells["status"] == "done"), "cell_id"]
-    chosen = points[points["cell_id"].isin(ids)]
+    return _mean_curve(points[points["cell_id"].isin(ids)], column)
+
+
+def mean_curves(points: pd.DataFrame, cells: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """`mean_curve` of the greedy return of every group with a done cell, in one pass over the points."""
+    done = cells.loc[cells["status"] == "done"].set_index("cell_id")["group"]
+    keys = points["cell_id"].map(done)
+    return {str(key): _mean_curve(chosen, "greedy_return") for key, chosen in points.groupby(keys, sort=False)}
+
+
+def _mean_curve(chosen: pd.DataFrame, column: str) -> pd.DataFrame:
     if column not in chosen or chosen.empty:
-        return pd.DataFrame({"episode": [], "mean": [], "low": [], "high": []})
+        return NO_CURVE
     table = chosen.groupby("episode")[column].agg(["mean", "std", "count"]).reset_index()
     t = stats.t.ppf((1 + statistics.LEVEL) / 2, np.maximum(table["count"] - 1, 1))
     half = np.where(table["count"] > 1, t * table["std"].fillna(0.0) / np.sqrt(table["count"]), 0.0)

@@ -73,6 +73,7 @@ def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
     """A group's line of the table, under COLUMNS, without the hyperparameters in `hide`."""
     against, own = group.against_base, varied(group.agent, group.task, group.hyperparameters)
     seeds = f"{len(group.seeds)}" + (f", {group.failed} failed" if group.failed else "")
+    seeds += f", {group.stopped} stopped early" if group.stopped else ""
     seeds += f", {group.missing} missing" if group.missing else ""
     mean = "-" if group.auc is None else f"{group.auc.value:.2f} ({group.auc_sd:.2f})"
     return (

@@ -8,7 +8,7 @@ class SweepError(RuntimeError):
 
 
 class InterruptedSweepError(SweepError):
-    """Ctrl-C or SIGTERM."""
+    """Ctrl-C or SIGTERM in the middle of a stage."""
 
 
 def exit_code(error: Exception) -> int | None:

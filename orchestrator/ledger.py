@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pandas as pd
 
-from orchestrator.plan import Pair, SourceRun
+from orchestrator.plan import Pair, SourceRun, key_of
 from orchestrator.provenance import commit, versions
 from orchestrator.record import Record
 from orchestrator.results import Results, cell_row
@@ -26,8 +27,9 @@ class Ledger:
         self.checkpoints = results.folder / "checkpoints"
         self._results = results
         self._retry_failed = retry_failed
+        self._stops = results.space().search.scheduler is not None
         self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in results.plan().items()}
-        self._records: dict[str, Record | None] = {}
+        self._heads = results.heads()
         self._new: set[str] = set()
 
     def plan(self, stage: str, cells: Iterable[Cell]) -> list[Cell]:
@@ -40,19 +42,15 @@ class Ledger:
         """The cells of a stage as known now, those that a search has asked for included."""
         return list(self._plan[stage].values())
 
-    def record(self, cell: Cell) -> Record | None:
-        """The cell's record, None where it has not ended; InputError where it is damaged."""
-        if cell.id not in self._records:
-            self._records[cell.id] = self._results.record(cell.id)
-        return self._records[cell.id]
-
     def ended(self, cell: Cell, keep: bool = False) -> bool:
         """Whether there is nothing more to run. `keep`: the cell's knowledge must be in the library too."""
-        record = self.record(cell)
-        if record is None:
+        head = self._heads.get(cell.id)
+        if head is None:
             return False
-        if record.status == "failed":
+        if head.status == "failed":
             return cell.id in self._new or not self._retry_failed
+        if head.status == "stopped":
+            return self._stops  # without a scheduler it is wanted whole
         return not keep or self.library.has(cell.id)
 
     def new(self, cell: Cell) -> bool:
@@ -61,42 +59,69 @@ class Ledger:
 
     def source_run(self, cell: Cell) -> SourceRun:
         """What stage 2 needs to know of a done cell of stage 1."""
-        record = self.record(cell)
-        assert record is not None
-        steps = record.points["step"][-1]
-        return SourceRun(cell, max(record.returns), auc(record.returns), int(steps or 0))
+        summary = self._heads[cell.id].summary
+        return SourceRun(cell, float(summary["best_return"] or 0), self._auc(cell), int(summary["steps"] or 0))
 
     def score(self, cells: Sequence[Cell]) -> float | None:
         """Mean AUC of a configuration's cells; None where one is not done."""
-        records = [self.record(cell) for cell in cells]
-        aucs = [auc(record.returns) for record in records if record is not None and record.status == "done"]
-        return auc(aucs) if len(aucs) == len(cells) else None
-
-    def take(self, stage: str, outcome: dict[str, Any]) -> Record | None:
-        """Put the outcome of a cell on disk: first what it has learned, then its record.
-
-        None where the cell is done already, which a trial that was started again after its worker was lost tells
-        a second time.
-        """
-        cell = Cell.from_json(outcome.pop("cell"))
-        before = self._records.get(cell.id)
-        if cell.id in self._new and before is not None and before.status == "done":
+        heads = [self._heads.get(cell.id) for cell in cells]
+        if not all(head is not None and head.status == "done" for head in heads):
             return None
-        knowledge: bytes | None = outcome.pop("knowledge")
-        if knowledge is not None:
-            self.library.save(cell, Knowledge.from_bytes(knowledge)[0])
-        record = Record(cell=cell, finished=time.time(), versions=versions(), commit=commit(), **outcome)
-        self._results.add(record)
-        (self.checkpoints / f"{cell.id}.checkpoint").unlink(missing_ok=True)
-        self._records[cell.id] = record
-        self._new.add(cell.id)
-        self._plan[stage][cell.id] = cell
-        return record
+        return auc([self._auc(cell) for cell in cells])
+
+    def scores(self, pair: Cell) -> list[list[float]]:
+        """The mean of the greedy returns so far, by evaluation, of every configuration of a pair that has ended."""
+        groups: dict[str, list[Cell]] = defaultdict(list)
+        for head in self._heads.values():
+            if key_of(head.cell) == key_of(pair) and head.status in ("done", "stopped"):
+                groups[head.cell.group].append(head.cell)
+        return [self._means(cells) for cells in groups.values()]
+
+    def take(self, stage: str, outcomes: Sequence[dict[str, Any]]) -> list[Record]:
+        """Put the outcomes of cells on disk: first what they have learned, then their records, which are returned.
+
+        A cell that is done already, which a trial that was started again after its worker was lost tells a second
+        time, is left out.
+        """
+        records = []
+        for outcome in outcomes:
+            cell = Cell.from_json(outcome["cell"])
+            if cell.id in self._new and self._heads[cell.id].status == "done":
+                continue
+            if outcome["knowledge"] is not None:
+                self.library.save(cell, Knowledge.from_bytes(outcome["knowledge"])[0])
+            fields = {key: value for key, value in outcome.items() if key not in ("cell", "knowledge")}
+            records.append(Record(cell=cell, finished=time.time(), versions=versions(), commit=commit(), **fields))
+        if records:
+            self._results.add(*records)
+        for record in records:
+            (self.checkpoints / f"{record.cell.id}.checkpoint").unlink(missing_ok=True)
+            self._new.add(record.cell.id)
+            self._plan[stage][record.cell.id] = record.cell
+        return records
 
     def searched(self, pair: Pair) -> list[Cell]:
         """The cells that a search of this pair has asked for in earlier runs."""
-        return [r.cell for r in self._results.every_record() if pair.owns(r.cell)]
+        return [head.cell for head in self._heads.values() if pair.owns(head.cell)]
 
     def table(self, cells: Iterable[Cell], stage: str) -> pd.DataFrame:
         """The cells table of some cells."""
-        return pd.DataFrame([cell_row(stage, cell, self.record(cell)) for cell in cells])
+        return pd.DataFrame([cell_row(stage, cell, self._heads.get(cell.id)) for cell in cells])
+
+    @property
+    def damaged(self) -> str:
+        """Where records are damaged, in words; empty where none is."""
+        places = self._results.log.damaged
+        return f"{len(places)} damaged records ({'; '.join(places[:3])})" if places else ""
+
+    def close(self) -> None:
+        """Merge what this run has appended."""
+        self._results.log.compact()
+
+    def _auc(self, cell: Cell) -> float:
+        return float(self._heads[cell.id].summary["auc"] or 0)
+
+    def _means(self, cells: Iterable[Cell]) -> list[float]:
+        curves = [record.returns for cell in cells if (record := self._results.log.record(cell.id))]
+        length = min(map(len, curves))
+        return [auc([auc(returns[:stop]) for returns in curves]) for stop in range(1, length + 1)]

@@ -1,102 +1,140 @@
-"""The display of a running sweep: a live line in a terminal, a calm one now and then in a log file."""
+"""How far a stage is: counted by its driver, written beside the records for those who watch from elsewhere."""
 
 from __future__ import annotations
 
+import json
 import time
-from types import TracebackType
-
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 from orchestrator.record import Record
+from trainables.atomic import write_atomic
 from trainables.curve import auc
 
-LOG_EVERY = 15.0
-"""Seconds between lines where there is no terminal."""
+FILE = ".progress.json"
 
 
-class Display:
-    """Counts of one stage: done, running, failed, left; time to go; the best cell so far."""
+@dataclass(frozen=True)
+class Snapshot:
+    """One moment of a stage."""
 
-    def __init__(self, console: Console, stage: str, total: int) -> None:
-        self._console, self._stage, self._total = console, stage, total
-        self._done = self._failed = self._running = 0
-        self._shares: dict[str, float] = {}
-        self._best: tuple[float, str] | None = None
-        self._first: float | None = None
-        self._logged = time.monotonic()
-        self._progress = Progress(
-            TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=24),
-            TextColumn("{task.fields[ended]}/{task.total}"),
-            TextColumn("{task.fields[counts]}"),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[left]}"),
-            TextColumn("{task.fields[best]}"),
-            console=console,
-            refresh_per_second=4,
-        )
-        self._bar = self._progress.add_task(stage, total=total, ended=0, counts="starting workers", left="", best="")
+    stage: str
+    total: int
+    done: int = 0
+    failed: int = 0
+    stopped: int = 0
+    running: int = 0
+    share: float = 0.0
+    """Of the stage's cells, the running ones' finished parts included: 0 to 1."""
+    steps_per_second: float | None = None
+    """Training steps of all workers together."""
+    seconds_left: float | None = None
+    best: str = ""
+    """The highest AUC so far, and whose."""
+    updated: float = 0.0
+    """Seconds since 1970."""
 
-    def __enter__(self) -> Display:
-        if self._console.is_terminal:
-            self._progress.start()
-        return self
+    @property
+    def ended(self) -> int:
+        """Cells that have ended, in whatever way."""
+        return self.done + self.failed + self.stopped
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._console.is_terminal:
-            self._progress.stop()
-        else:
-            self._console.print(self._line(), soft_wrap=True)
+    def counts(self) -> str:
+        """'2 running, 0 failed', and what was stopped early, if any."""
+        stopped = f", {self.stopped} stopped early" if self.stopped else ""
+        return f"{self.running} running, {self.failed} failed{stopped}"
+
+    def rate(self) -> str:
+        """'12,300 steps/s'."""
+        return f"{self.steps_per_second:,.0f} steps/s" if self.steps_per_second else ""
+
+    def left(self) -> str:
+        """'about 4 min left'."""
+        if self.seconds_left is None or self.ended >= self.total:
+            return ""
+        for size, name in ((3600, "h"), (60, "min")):
+            if self.seconds_left >= 1.5 * size:
+                return f"about {self.seconds_left / size:.0f} {name} left"
+        return f"about {self.seconds_left:.0f} s left"
+
+    def line(self) -> str:
+        """The whole of it in one line."""
+        parts = [
+            f"{self.stage}: {self.ended} of {self.total} cells",
+            self.counts(),
+            self.rate(),
+            self.left(),
+            self.best,
+        ]
+        return ", ".join(part for part in parts if part)
+
+
+@dataclass
+class Progress:
+    """Counts what happens in a stage."""
+
+    stage: str
+    total: int
+    _count: dict[str, int] = field(default_factory=lambda: {"done": 0, "failed": 0, "stopped": 0})
+    _shares: dict[str, tuple[float, int]] = field(default_factory=dict)
+    """Running cell to (share, steps)."""
+    _steps: int = 0
+    _running: int = 0
+    _best: tuple[float, str] | None = None
+    _first: float | None = None
 
     def ended(self, record: Record) -> None:
         """Count an ended cell."""
         self._first = self._first or time.monotonic() - record.seconds
-        self._shares.pop(record.cell.id, None)
-        self._done += record.status == "done"
-        self._failed += record.status == "failed"
+        self.over(record.cell.id)
+        self._count[record.status] += 1
+        self._steps += int((record.points["step"] or [0])[-1] or 0)
         if record.status == "done":
             score = auc(record.returns), f"{record.cell.agent} on {record.cell.task}"
             self._best = max(self._best or score, score)
-        self._show()
 
-    def progress(self, cell: str, share: float, greedy_return: float) -> None:
+    def over(self, cell: str) -> None:
+        """A cell is no longer at work."""
+        self._shares.pop(cell, None)
+
+    def running(self, packs: int) -> None:
+        """Take in how many workers are at work."""
+        self._running = packs
+
+    def share(self, cell: str, share: float, step: int) -> None:
         """Take in how much of a long cell is done."""
         self._first = self._first or time.monotonic()
-        self._shares[cell] = share
-        self._show()
+        self._shares[cell] = share, step
 
-    def running(self, cells: int) -> None:
-        """Take in how many cells are running."""
-        self._running = cells
-        self._show()
-
-    def _show(self) -> None:
-        best = f"best AUC {self._best[0]:.1f} ({self._best[1]})" if self._best else ""
-        self._progress.update(
-            self._bar,
-            total=self._total,
-            completed=self._done + self._failed + sum(self._shares.values()),
-            ended=self._done + self._failed,
-            counts=f"{self._running} running, {self._failed} failed",
-            left=self._left(),
-            best=best,
+    def snapshot(self) -> Snapshot:
+        """What there is to say now."""
+        passed = sum(self._count.values()) + sum(share for share, _ in self._shares.values())
+        seconds = time.monotonic() - self._first if self._first else 0.0
+        steps = self._steps + sum(step for _, step in self._shares.values())
+        return Snapshot(
+            stage=self.stage,
+            total=self.total,
+            **self._count,
+            running=self._running,
+            share=passed / self.total if self.total else 1.0,
+            steps_per_second=steps / seconds if seconds else None,
+            seconds_left=seconds / passed * (self.total - passed) if passed and seconds else None,
+            best=f"best AUC {self._best[0]:.1f} ({self._best[1]})" if self._best else "",
+            updated=time.time(),
         )
-        if not self._console.is_terminal and time.monotonic() - self._logged > LOG_EVERY:
-            self._logged = time.monotonic()
-            self._console.print(self._line(), soft_wrap=True)
 
-    def _left(self) -> str:
-        ended = self._done + self._failed + sum(self._shares.values())
-        if not ended or self._first is None:
-            return ""
-        seconds = (time.monotonic() - self._first) / ended * (self._total - ended)
-        return f"about {seconds:.0f} s left" if seconds < 90 else f"about {seconds / 60:.0f} min left"
 
-    def _line(self) -> str:
-        ended = self._done + self._failed
-        parts = [f"{self._stage}: {ended} of {self._total} cells", f"{self._running} running", f"{self._failed} failed"]
-        best = [f"best AUC {self._best[0]:.1f} ({self._best[1]})"] if self._best else []
-        return ", ".join([*parts, *([self._left()] if ended < self._total and self._left() else []), *best])
+def write(folder: Path, snapshot: Snapshot) -> None:
+    """Put a snapshot beside the records; what cannot be written is left out, for it is no result."""
+    try:
+        write_atomic(folder / FILE, json.dumps(asdict(snapshot)).encode())
+    except OSError:
+        return
+
+
+def read(folder: Path) -> Snapshot | None:
+    """The last snapshot of a sweep, None where there is none."""
+    try:
+        return Snapshot(**json.loads((folder / FILE).read_text()))
+    except (OSError, ValueError, TypeError):
+        return None

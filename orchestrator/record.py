@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import json
-from typing import Any, Literal
+import zlib
+from typing import Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -13,20 +15,21 @@ from trainables.errors import InputError, from_validation
 
 SCHEMA = 1
 
+Status = Literal["done", "failed", "stopped"]
+"""stopped: a scheduler has ended it early, so that its curve is no full one."""
 
-class Record(BaseModel):
-    """One file of a sweep's `cells` folder."""
+Summary = dict[str, float | int | None]
 
+
+class _Ended(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, arbitrary_types_allowed=True)
 
     cell: Cell
-    status: Literal["done", "failed"]
+    status: Status
     error: str | None = None
-    """Why it failed, in a sentence."""
-    points: dict[str, list[float | int | None]]
-    """The evaluation curve as columns; of a failed cell, as far as it went."""
+    """Why it failed, or was stopped, in a sentence."""
     digest: str
-    """`curve.digest(points)`: tells a damaged file, and two curves apart."""
+    """`curve.digest` of its points: tells two curves apart."""
     finished: float
     """Seconds since 1970."""
     seconds: float
@@ -34,30 +37,106 @@ class Record(BaseModel):
     versions: dict[str, str]
     commit: str
 
+
+class Head(_Ended):
+    """A record without its curve: light enough for all of a sweep's to be in memory."""
+
+    summary: Summary
+    """What the cells table says of the curve; empty for a cell that is not done."""
+
+
+class Record(_Ended):
+    """A record with its curve."""
+
+    points: dict[str, list[float | int | None]]
+    """The evaluation curve as columns; of a failed or stopped cell, as far as it went."""
+
     @property
     def returns(self) -> list[float]:
         """The greedy returns of the evaluation curve."""
         return [float(value) for value in self.points["greedy_return"] if value is not None]
 
-    def to_bytes(self) -> bytes:
-        """The file's contents."""
-        data = {"schema": SCHEMA, **self.model_dump(exclude={"cell"}), "cell": self.cell.to_json()}
-        return json.dumps(data, separators=(",", ":"), allow_nan=False).encode()
+    @functools.cached_property
+    def head(self) -> Head:
+        """The record without its curve."""
+        shared = {name: getattr(self, name) for name in _Ended.model_fields}
+        return Head.model_construct(**shared, summary=_summary(self))
 
-    @classmethod
-    def from_bytes(cls, data: bytes, where: str) -> Record:
-        """The record in `data`; InputError that starts with `where` for a damaged or foreign one."""
-        remedy = "move it away and run the sweep again to recompute that cell"
-        try:
-            raw: Any = json.loads(data)
-            if not isinstance(raw, dict) or raw.pop("schema", None) != SCHEMA:
-                raise InputError(f"it is not a cell record of schema {SCHEMA}")
-            raw["cell"] = Cell.from_json(raw.get("cell"))
-            record = cls.model_validate(raw)
-            if curve.digest(record.points) != record.digest:
-                raise InputError("its numbers do not agree with its checksum")
-        except ValidationError as error:
-            raise InputError(f"{where} is damaged ({from_validation('record', error)}): {remedy}") from None
-        except ValueError as error:
-            raise InputError(f"{where} is damaged ({error}): {remedy}") from None
-        return record
+    def to_line(self) -> bytes:
+        """One line of a record log: checksum, cell id, head and curve, with tabs between them."""
+        head = {"schema": SCHEMA, **self.head.model_dump(exclude={"cell"}), "cell": self.cell.to_json()}
+        texts = (json.dumps(part, separators=(",", ":"), allow_nan=False) for part in (head, self.points))
+        body = "\t".join((self.cell.id, *texts)).encode()
+        return b"%08x\t%b\n" % (zlib.crc32(body), body)
+
+
+class Line(NamedTuple):
+    """A line of a record log, checked but not yet read."""
+
+    cell_id: str
+    head: bytes
+    points: bytes
+
+
+def split_line(data: bytes) -> Line | None:
+    """The parts of a line (with or without its end); None where it is damaged."""
+    checksum, tab, body = data.rstrip(b"\n").partition(b"\t")
+    parts = body.split(b"\t")
+    if not tab or len(parts) != 3 or checksum != b"%08x" % zlib.crc32(body):
+        return None
+    return Line(parts[0].decode(), parts[1], parts[2])
+
+
+def read_head(line: Line) -> Head:
+    """The head of a line; InputError where it is of another schema."""
+    return Head.model_validate(_head(line))
+
+
+def read_record(line: Line) -> Record:
+    """The whole record of a line; InputError where it is of another schema, or its curve is not the digest's."""
+    fields = _head(line)
+    fields.pop("summary", None)
+    try:
+        record = Record.model_validate(fields | {"points": json.loads(line.points)})
+    except (ValidationError, ValueError) as error:
+        raise InputError(f"the record of cell {line.cell_id} cannot be read: {error}") from None
+    if curve.digest(record.points) != record.digest:
+        raise InputError(f"the curve of cell {line.cell_id} does not agree with its digest")
+    return record
+
+
+def _head(line: Line) -> dict[str, Any]:
+    """The fields of a head, its cell made; InputError as above."""
+    try:
+        fields: Any = json.loads(line.head)
+        if not isinstance(fields, dict) or fields.pop("schema", None) != SCHEMA:
+            raise InputError(f"the record of cell {line.cell_id} is not of schema {SCHEMA}")
+        fields["cell"] = Cell.from_json(fields.get("cell"))
+        Head.model_validate(fields)
+    except ValidationError as error:
+        raise from_validation(f"record of cell {line.cell_id}", error) from None
+    except ValueError as error:
+        raise InputError(f"the record of cell {line.cell_id} cannot be read: {error}") from None
+    if fields["cell"].id != line.cell_id:
+        raise InputError(f"the record of cell {line.cell_id} holds the cell {fields['cell'].id}")
+    return fields
+
+
+def _summary(record: Record) -> Summary:
+    if record.status != "done":
+        return {}
+    points, returns = record.points, record.returns
+    training = [value for value in points["training_return"] if value is not None]
+    steps = points["step"][-1]
+    summary: Summary = {
+        "auc": curve.auc(returns),
+        "training_auc": curve.auc(training),
+        "initial_return": returns[0],
+        "final_return": returns[-1],
+        "best_return": max(returns),
+        "asymptotic": curve.asymptotic(returns),
+        "steps": steps,
+        "steps_per_second": (steps or 0) / record.seconds if record.seconds else None,
+    }
+    extra = sorted(set(points) - {*curve.FIELDS})
+    return summary | {f"final_{name}": points[name][-1] for name in extra}

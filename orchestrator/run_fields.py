@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from orchestrator.aggregates import Group
-from orchestrator.record import Record
+from orchestrator.record import Head
 from orchestrator.statistics import Estimate
 
 CELL_METRICS = (
@@ -27,21 +27,22 @@ def thinned(curve: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
     return [curve[round(i * last / (CURVE_POINTS - 1))] for i in range(CURVE_POINTS)]
 
 
-def cell_tags(stage: str, record: Record) -> dict[str, str]:
+def cell_tags(stage: str, head: Head) -> dict[str, str]:
     """The tags of a cell's run: what it was, and what it was made with."""
-    cell = record.cell
-    tags = {"agent": cell.agent, "task": cell.task, "seed": str(cell.seed), "stage": stage, "status": record.status}
-    tags |= {"source": cell.source.kind if cell.source else "none", "of_group": cell.group, "commit": record.commit}
+    cell = head.cell
+    tags = {"agent": cell.agent, "task": cell.task, "seed": str(cell.seed), "stage": stage, "status": head.status}
+    tags |= {"source": cell.source.kind if cell.source else "none", "of_group": cell.group, "commit": head.commit}
     if cell.source is not None:
         tags |= {"source_task": cell.source.task, "source_cell": cell.source.cell_id or "exact"}
-    if record.error:
-        tags["error"] = record.error[:5000]
-    return tags | {f"version.{name}": version for name, version in record.versions.items()}
+    if head.error:
+        tags["error"] = head.error[:5000]
+    return tags | {f"version.{name}": version for name, version in head.versions.items()}
 
 
 def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     """(metrics, tags) of an aggregate; what is undefined is said in a tag, never logged as a number."""
-    metrics: dict[str, float] = {"seeds": len(group.seeds), "failed": group.failed, "missing": group.missing}
+    counts = {"failed": group.failed, "stopped": group.stopped, "missing": group.missing}
+    metrics: dict[str, float] = {"seeds": len(group.seeds), **counts}
     tags = {"agent": group.agent, "task": group.task, "source": group.source, "stage": group.stage}
     tags |= {"source_task": group.source_task} if group.source_task else {}
     estimates: dict[str, Estimate | Any | None] = {

@@ -1,15 +1,14 @@
-"""Which cells run next: the planned ones, then those that Tune's searchers ask for."""
+"""Searching ranges of hyperparameters: random draws, and Optuna by Tune's searcher."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import optuna
 from ray import tune
-from ray.tune.search import Searcher
 from ray.tune.search.optuna import OptunaSearch
 
 from orchestrator.plan import Pair, Values
@@ -57,6 +56,7 @@ class Tuned:
         self._fixed = dict(pair.grid[0]) if len(pair.grid) == 1 else {}
         tried = {cell.group: dict(cell.hyperparameters) for cell in searched}
         self.left = max(0, search.budget - len(tried))
+        self._asked: dict[str, list[Cell]] = {}
         self._searcher = OptunaSearch(
             OptunaSearch.convert_search_space(space), metric="auc", mode="max", seed=_seeds(pair, search, len(tried))[0]
         )
@@ -71,62 +71,17 @@ class Tuned:
         token = str(self.left)
         self.left -= 1
         suggestion = self._searcher.suggest(token) or {}
-        return token, self.pair.cells(dict(self._fixed) | {name: _plain(value) for name, value in suggestion.items()})
+        values = dict(self._fixed) | {name: _plain(value) for name, value in suggestion.items()}
+        self._asked[token] = self.pair.cells(values)
+        return token, self._asked[token]
+
+    def cells(self, token: str) -> list[Cell]:
+        """The cells of a suggestion."""
+        return self._asked[token]
 
     def tell(self, token: str, auc: float | None) -> None:
         """What became of a suggestion; None: its cells are not all done."""
         self._searcher.on_trial_complete(token, None if auc is None else {"auc": auc}, error=auc is None)
-
-
-class Proposals(Searcher):
-    """The queue of a stage as a Tune search algorithm: packs of cells are made into trials as workers get free.
-
-    A worker gets the cells of one pack; the cells of one suggested configuration are a pack of their own.
-    """
-
-    def __init__(
-        self,
-        packs: Sequence[Sequence[Cell]],
-        tuned: Sequence[Tuned],
-        ended: Callable[[Cell], bool],
-        score: Score,
-        at_once: int,
-    ) -> None:
-        super().__init__(metric="auc", mode="max")
-        self._packs = list(reversed(packs))
-        self._tuned = list(tuned)
-        self._ended = ended
-        self._score = score
-        self._at_once = at_once
-        self._running: dict[str, tuple[Tuned, str, list[Cell]]] = {}
-
-    def suggest(self, trial_id: str) -> Any:
-        """The config of the next trial, None to wait, or FINISHED."""
-        if self._packs:
-            return {"cells": [cell.to_json() for cell in self._packs.pop()]}
-        while open_pairs := [tuned for tuned in self._tuned if tuned.left > 0]:
-            if len(self._running) >= self._at_once:
-                return None
-            tuned = max(open_pairs, key=lambda candidate: candidate.left)
-            token, cells = tuned.suggest()
-            missing = [cell for cell in cells if not self._ended(cell)]
-            if missing:
-                self._running[trial_id] = tuned, token, cells
-                return {"cells": [cell.to_json() for cell in missing]}
-            tuned.tell(token, self._score(cells))
-        return None if self._running else Searcher.FINISHED
-
-    def on_trial_complete(self, trial_id: str, result: Mapping[str, Any] | None = None, error: bool = False) -> None:
-        """Tell the pair's searcher the mean AUC of the configuration that has ended."""
-        if trial_id in self._running:
-            tuned, token, cells = self._running.pop(trial_id)
-            tuned.tell(token, self._score(cells))
-
-    def save(self, checkpoint_path: str) -> None:
-        """Nothing: a sweep resumes from its records."""
-
-    def restore(self, checkpoint_path: str) -> None:
-        """Nothing: see `save`."""
 
 
 def _plain(value: Any) -> Any:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import filelock
-
+from orchestrator.lock import driver
 from orchestrator.results import Results
 
-LOCK, DRIVER = ".lock", ".driver.json"
-"""Files of a sweep's folder: the lock of the process that runs it, and who that is."""
+KEYS = ("done", "failed", "stopped", "missing")
+"""What may have become of a cell."""
 
 
 def sweeps(storage: Path, name: str | None) -> list[Results]:
@@ -26,13 +24,15 @@ def sweep_status(results: Results) -> dict[str, Any]:
     """Counts by stage, the failures with their causes, and the driver that is at it now (None: none is)."""
     stages: dict[str, Counter[str]] = {stage: Counter() for stage in results.plan()}
     failures = []
-    for stage, cell, record in results.records():
+    for stage, cell, record in results.ended():
         stages[stage]["missing" if record is None else record.status] += 1
         if record is not None and record.status == "failed":
             failures.append(
                 {"cell_id": cell.id, "agent": cell.agent, "task": cell.task, "seed": cell.seed, "error": record.error}
             )
-    counts = {stage: {key: count[key] for key in ("done", "failed", "missing")} for stage, count in stages.items()}
+    counts = {
+        stage: {key: count[key] for key in ("done", "failed", "stopped", "missing")} for stage, count in stages.items()
+    }
     return {
         "sweep": results.name,
         "folder": str(results.folder),
@@ -40,23 +40,3 @@ def sweep_status(results: Results) -> dict[str, Any]:
         "failures": failures,
         "driver": driver(results.folder),
     }
-
-
-def driver(folder: Path) -> str | None:
-    """Who runs the sweep now, None where nobody does (a dead driver's lock is free)."""
-    lock = filelock.FileLock(folder / LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except filelock.Timeout:
-        return owner(folder)
-    lock.release()
-    return None
-
-
-def owner(folder: Path) -> str:
-    """The process that took the lock last, in words."""
-    try:
-        who = json.loads((folder / DRIVER).read_text())
-        return f"process {who['pid']} on {who['host']}"
-    except (OSError, ValueError, KeyError):
-        return "another process"

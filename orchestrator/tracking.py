@@ -14,22 +14,21 @@ from __future__ import annotations
 
 import logging
 import math
-import queue
 import sqlite3
-import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from mlflow.entities import Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 
-from orchestrator.aggregates import Group, groups, mean_curve
+from orchestrator.aggregates import NO_CURVE, Group, groups, mean_curves
 from orchestrator.describe import cell_name, group_name, markdown
 from orchestrator.errors import SweepError
-from orchestrator.record import Record
+from orchestrator.record import Head, Record
 from orchestrator.results import Results, cell_row
 from orchestrator.run_fields import CELL_METRICS, cell_tags, group_figures, thinned
 from trainables.cell import content_id
@@ -43,6 +42,18 @@ BATCH = 1000
 """Most metrics of one call."""
 
 
+_NO_CURVE = ("episode", "step", "seconds", "discounted_return")
+"""Columns of a record that MLflow gets no curve of."""
+
+
+class _Known(NamedTuple):
+    """A run that is there."""
+
+    run_id: str
+    digest: str | None
+    """What it holds; None: it was cut off."""
+
+
 class Mirror:
     """A sweep's copy in one MLflow store."""
 
@@ -53,28 +64,30 @@ class Mirror:
         self._meta = meta
         self._client = MlflowClient(uri)
         self._experiment = self._find_experiment(uri)
-        self._known = {self._key(run.data.tags): run for run in self._runs()}
+        self._known = {
+            self._key(run.data.tags): _Known(str(run.info.run_id), run.data.tags.get("digest")) for run in self._runs()
+        }
         self.parent = self._find_parent()
 
-    def write_cell(self, stage: str, record: Record) -> None:
-        """The run of one ended cell, unless it is there already."""
-        row = cell_row(stage, record.cell, record)
-        finals = {name: row[name] for name in CELL_METRICS if row.get(name) is not None}
-        tags = cell_tags(stage, record)
+    def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
+        """The run of one ended cell, unless it is there already; `read` gets its whole record."""
+        cell, key = head.cell, ("cell", head.cell.id)
+        digest = content_id([head.digest, head.status])
+        if self._holds(key, digest) or (record := read()) is None:
+            return
+        row = cell_row(stage, cell, head)
         episodes = record.points.get("episode", [])
-        curves = {
-            n: v for n, v in record.points.items() if n not in ("episode", "step", "seconds", "discounted_return")
-        }
+        curves = {name: values for name, values in record.points.items() if name not in _NO_CURVE}
         self._write(
-            ("cell", record.cell.id),
-            cell_name(record.cell),
-            tags | {"digest": content_id([record.digest, record.status])},
-            record.cell.hyperparameters,
-            finals,
+            key,
+            cell_name(cell),
+            cell_tags(stage, head) | {"digest": digest},
+            cell.hyperparameters,
+            {name: row[name] for name in CELL_METRICS if row.get(name) is not None},
             {name: list(zip(episodes, values, strict=True)) for name, values in curves.items()},
-            record.finished,
-            record.seconds,
-            "FINISHED" if record.status == "done" else "FAILED",
+            head.finished,
+            head.seconds,
+            "FAILED" if head.status == "failed" else "FINISHED" if head.status == "done" else "KILLED",
         )
 
     def write_group(self, group: Group, curve: pd.DataFrame) -> None:
@@ -100,23 +113,28 @@ class Mirror:
         self, every: Sequence[Group], cells: pd.DataFrame, points: pd.DataFrame, artifacts: Iterable[Path]
     ) -> None:
         """The aggregates, and the parent's description, figures and files."""
+        curves = mean_curves(points, cells)
         for group in every:
-            self.write_group(group, mean_curve(points, cells, group.id))
+            self.write_group(group, curves.get(group.id, NO_CURVE))
         self._client.set_tag(self.parent, "mlflow.note.content", markdown(self._results, every))
         for path in artifacts:
             folder = path.parent.relative_to(self._results.folder)
             self._client.log_artifact(self.parent, str(path), None if folder == Path(".") else str(folder))
         planned = {("cell", cell_id) for cell_id in cells["cell_id"]} | {("aggregate", group.id) for group in every}
         for key in set(self._known) - planned - {("sweep", "")}:
-            self._client.delete_run(self._known.pop(key).info.run_id)
+            self._client.delete_run(self._known.pop(key).run_id)
         space, counts = self._meta["space"], cells["status"].value_counts()
-        tags = {f"cells_{status}": str(counts.get(status, 0)) for status in ("done", "failed", "missing")}
+        tags = {f"cells_{status}": str(counts.get(status, 0)) for status in ("done", "failed", "stopped", "missing")}
         tags |= {"seeds": str(len(space["seeds"])), "agents": ", ".join(space["agents"])}
         tags |= {
             "targets": ", ".join(target for scenario in space["scenarios"] for target in scenario["targets"])[:5000]
         }
         self._client.log_batch(self.parent, tags=[RunTag(name, value) for name, value in tags.items()])
         self._client.set_terminated(self.parent)
+
+    def interrupted(self) -> None:
+        """The sweep has stopped for now."""
+        self._client.set_terminated(self.parent, "KILLED")
 
     def _write(
         self,
@@ -133,18 +151,19 @@ class Mirror:
         """Find or make the run of `key`, and fill it: the digest tag goes in last, so that it vouches for the rest."""
         tags = dict(tags)
         digest = tags.pop("digest")
-        run = self._known.get(key)
-        if run is not None and run.data.tags.get("digest") == digest:
+        known = self._known.get(key)
+        if self._holds(key, digest):
             return
-        if run is not None and "digest" in run.data.tags:
-            self._client.delete_run(run.info.run_id)
-            run = None
-        if run is None:
+        if known is not None and known.digest is not None:
+            self._client.delete_run(known.run_id)
+            known = None
+        if known is None:
             own = {"kind": key[0], "sweep": self._results.name, "sweep_id": self._sweep_id}
             own |= {"cell_id" if key[0] == "cell" else "group": key[1], "mlflow.parentRunId": self.parent}
             begun = int((finished - seconds) * 1000)
             run = self._client.create_run(self._experiment, begun, {**tags, **own}, name)
-        run_id, stamp = run.info.run_id, int(finished * 1000)
+            known = self._known[key] = _Known(str(run.info.run_id), None)
+        stamp = int(finished * 1000)
         points = [Metric(metric, value, stamp, 0) for metric, value in metrics.items() if math.isfinite(value)]
         points += [
             Metric(metric, float(value), stamp, int(step))
@@ -152,11 +171,16 @@ class Mirror:
             for step, value in thinned([(s, v) for s, v in values if v is not None and math.isfinite(v)])
         ]
         texts = [Param(name, str(value)) for name, value in params.items()]
-        for start in range(0, max(len(points), 1), BATCH):
-            self._client.log_batch(run_id, points[start : start + BATCH], texts if start == 0 else ())
-        self._client.log_batch(run_id, tags=[RunTag("digest", digest)])
-        self._client.set_terminated(run_id, status, stamp)
-        self._known[key] = self._client.get_run(run_id)
+        batches = [points[start : start + BATCH] for start in range(0, max(len(points), 1), BATCH)]
+        for number, batch in enumerate(batches):
+            vouch = [RunTag("digest", digest)] if number == len(batches) - 1 else []
+            self._client.log_batch(known.run_id, batch, texts if number == 0 else (), vouch)
+        self._client.set_terminated(known.run_id, status, stamp)
+        self._known[key] = _Known(known.run_id, digest)
+
+    def _holds(self, key: tuple[str, str], digest: str) -> bool:
+        known = self._known.get(key)
+        return known is not None and known.digest == digest
 
     def _find_experiment(self, uri: str) -> str:
         space = self._meta["space"]
@@ -188,8 +212,8 @@ class Mirror:
     def _find_parent(self) -> str:
         known = self._known.get(("sweep", ""))
         if known is not None:
-            self._client.update_run(known.info.run_id, status="RUNNING")
-            return str(known.info.run_id)
+            self._client.update_run(known.run_id, status="RUNNING")
+            return known.run_id
         tags = {"kind": "sweep", "sweep": self._results.name, "sweep_id": self._sweep_id}
         tags |= {"space": self._meta["space"]["name"], "commit": self._meta["commit"]}
         tags |= {f"version.{name}": version for name, version in self._meta["versions"].items()}
@@ -197,54 +221,12 @@ class Mirror:
         return str(run.info.run_id)
 
 
-class Tracker:
-    """Writes to a Mirror from one background thread, so that a sweep never waits for MLflow, nor falls with it."""
-
-    def __init__(self, results: Results, uri: str) -> None:
-        self._results, self.uri = results, uri
-        self._queue: queue.Queue[tuple[str, Record] | None] = queue.Queue(maxsize=1000)
-        self._thread: threading.Thread | None = None
-        self._mirror: Mirror | None = None
-        self.error: Exception | None = None
-        """Why writing was given up; `sync` makes good for it."""
-
-    def record(self, stage: str, record: Record) -> None:
-        """Queue the record of an ended cell."""
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._work, name="mlflow", daemon=True)
-            self._thread.start()
-        if self.error is None:
-            self._queue.put((stage, record))
-
-    def finish(self, artifacts: Iterable[Path]) -> str | None:
-        """Wait for the queue, then write all that is missing; the parent run's id, None where MLflow has failed."""
-        if self._thread is not None:
-            self._queue.put(None)
-            self._thread.join()
-        if self.error is None:
-            try:
-                return sync(self._results, self.uri, artifacts, self._mirror)
-            except Exception as error:
-                self.error = error
-        return None
-
-    def _work(self) -> None:
-        try:
-            self._mirror = Mirror(self._results, self.uri)
-            while (item := self._queue.get()) is not None:
-                self._mirror.write_cell(*item)
-        except Exception as error:
-            self.error = error
-            while self._queue.get() is not None:
-                pass
-
-
 def sync(results: Results, uri: str, artifacts: Iterable[Path], mirror: Mirror | None = None) -> str:
     """Bring MLflow up to the results table: write what is missing, replace what has changed; the parent run's id."""
     mirror = mirror or Mirror(results, uri)
-    for stage, _, record in results.records():
-        if record is not None:
-            mirror.write_cell(stage, record)
+    for stage, cell, head in results.ended():
+        if head is not None:
+            mirror.write_cell(stage, head, partial(results.log.record, cell.id))
     cells, points = results.tables()
     mirror.finish(groups(cells), cells, points, artifacts)
     return mirror.parent

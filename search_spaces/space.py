@@ -52,12 +52,28 @@ class Scenario(Strict):
     targets: Names
 
 
+class Scheduler(Strict):
+    """Early stopping, of all seeds of a configuration together, by their mean greedy return so far.
+
+    A configuration competes with the others of its (task, agent, source) alone. What is stopped has no AUC.
+    """
+
+    method: Literal["asha", "median"]
+    """asha: asynchronous successive halving; median: stop what is under the median of the others' means."""
+    grace: Annotated[int, Field(ge=1)] = 5
+    """Evaluations that every configuration gets."""
+    reduction_factor: Annotated[int, Field(ge=2)] = 3
+    """asha: one in so many goes on from each rung."""
+
+
 class Search(Strict):
     """How ranges are searched: `budget` configurations for each (task, agent, source)."""
 
     method: Literal["grid", "random", "optuna"] = "grid"
     budget: Annotated[int, Field(ge=1)] = 20
     seed: Annotated[int, Field(ge=0)] = 0
+    scheduler: Scheduler | None = None
+    """Early stopping; None: every configuration is trained to its end."""
 
 
 class SearchSpace(Strict):

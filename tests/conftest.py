@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pandas as pd
@@ -38,6 +39,18 @@ SPACE = {
 CELLS = 4 + 2 * (2 + 4 + 8)
 
 
+def record_lines(results: Any) -> list[bytes]:
+    """The lines of a sweep's record log, in order."""
+    return [line for path in sorted(results.log.folder.glob("*.jsonl")) for line in path.read_bytes().splitlines(True)]
+
+
+def set_record_lines(results: Any, lines: Iterable[bytes]) -> None:
+    """Replace a sweep's record log."""
+    for path in results.log.folder.glob("*.jsonl"):
+        path.unlink()
+    (results.log.folder / "000000.jsonl").write_bytes(b"".join(lines))
+
+
 def timeless(table: pd.DataFrame) -> pd.DataFrame:
     """A table without the columns that are never the same twice."""
     return table.drop(columns=["seconds", "steps_per_second"], errors="ignore")
@@ -65,7 +78,8 @@ def finished(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Pat
     from rich.console import Console
 
     from orchestrator.results import Results
-    from orchestrator.sweep import Settings, run
+    from orchestrator.settings import Settings
+    from orchestrator.sweep import run
     from search_spaces import parse
 
     storage = tmp_path_factory.mktemp("finished")

@@ -6,9 +6,14 @@ import os
 import tempfile
 from pathlib import Path
 
+from trainables.storage import is_local
+
 
 def write_atomic(path: Path, data: bytes) -> None:
     """Write `data` to `path` so that a reader, or a crash at any moment, meets the old file or the new one."""
+    if not is_local(path):
+        path.write_bytes(data)  # an object store puts an object whole or not at all
+        return
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(descriptor, "wb") as file:
@@ -20,11 +25,11 @@ def write_atomic(path: Path, data: bytes) -> None:
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
-    _sync(path.parent)
+    sync_folder(path.parent)
 
 
-def _sync(folder: Path) -> None:
-    """Make the new name itself last, where the system lets a folder be synchronised."""
+def sync_folder(folder: Path) -> None:
+    """Make new names in `folder` last, where the system lets a folder be synchronised."""
     try:
         descriptor = os.open(folder, os.O_RDONLY)
     except OSError:

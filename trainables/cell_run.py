@@ -16,52 +16,157 @@ from trainables.training import Training, train
 
 Outcome = dict[str, Any]
 OnPoint = Callable[[EvalPoint], None]
+GiveSource = Callable[[Cell], Knowledge | None]
+"""Gives the knowledge that a cell's source names."""
+
+
+class CellRun:
+    """A cell at work, evaluation by evaluation; an exception ends it as a failure, which is an outcome too.
+
+    keep: whether what is learned is wanted. checkpoints: a folder for the cell's state, from which a later run goes on
+    bit for bit; None: no checkpoints. checkpoint_seconds: time between two of them.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        source: GiveSource,
+        *,
+        keep: bool = False,
+        checkpoints: Path | None = None,
+        checkpoint_seconds: float = 5.0,
+    ) -> None:
+        self.cell, self.error = cell, ""
+        self.ended = False
+        self._keep, self._every = keep, checkpoint_seconds
+        self._before: dict[str, Any] = curve.columns([])
+        self._points: list[EvalPoint] = []
+        self._training: Training | None = None
+        self._path: Path | None = None
+        self._started = self._saved = time.perf_counter()
+        with self._caught():
+            self._training = train(cell, source(cell))
+            resumable = checkpoints is not None and self._training.resumable
+            self._path = checkpoints / f"{cell.id}.checkpoint" if checkpoints and resumable else None
+            self._before = _resume(self._training, self._path)
+
+    @property
+    def evaluations(self) -> int:
+        """Evaluations so far, those before the last checkpoint included."""
+        return len(self._before["episode"]) + len(self._points)
+
+    def step(self) -> EvalPoint | None:
+        """Train up to the next evaluation and return it; None once the cell has ended."""
+        if self.ended or self._training is None:
+            return None
+        point: EvalPoint | None = None
+        with self._caught():
+            point = next(self._training, None)
+            if point is None:
+                self.ended = True
+                return None
+            self._points.append(point)
+            if time.perf_counter() - self._saved >= self._every:
+                self.save()
+        return point
+
+    def save(self) -> None:
+        """Save a checkpoint; a disk that is full costs the checkpoint, not the cell."""
+        if self._path is None or self._training is None or not self._points:
+            return
+        try:
+            checkpoint.save(self._path, {"training": self._training.state(), "points": self.points()})
+        except OSError:
+            return
+        finally:
+            self._saved = time.perf_counter()
+
+    def points(self, start: int = 0) -> dict[str, Any]:
+        """The evaluation curve so far, from evaluation `start` on, as columns."""
+        before = len(self._before["episode"])
+        if start >= before:
+            return curve.columns(self._points[start - before :])
+        return curve.joined(
+            {name: values[start:] for name, values in self._before.items()}, curve.columns(self._points)
+        )
+
+    def returns(self) -> list[float]:
+        """The greedy returns so far."""
+        return [*self._before["greedy_return"], *(point.greedy_return for point in self._points)]
+
+    def outcome(self) -> Outcome:
+        """What came of the cell: {cell, status, error, points, digest, seconds, knowledge}."""
+        knowledge: bytes | None = None
+        if self._keep and not self.error and self._training is not None:
+            with self._caught():
+                knowledge = self._training.knowledge().to_bytes()
+        table = self.points()
+        seconds = time.perf_counter() - self._started if self.error else table["seconds"][-1]
+        return _outcome(self.cell, self.error, table, seconds) | {"knowledge": knowledge}
+
+    def _caught(self) -> _Caught:
+        return _Caught(self)
+
+
+class _Caught:
+    """Turns an exception into the end of a cell, with its cause in a sentence."""
+
+    def __init__(self, run: CellRun) -> None:
+        self._run = run
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> bool:
+        if not isinstance(error, Exception):
+            return False
+        where = traceback.extract_tb(trace)[-1]
+        self._run.error = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
+        self._run.ended = True
+        return True
 
 
 def run_cell(
     cell: Cell,
-    source: Callable[[Cell], Knowledge | None],
+    source: GiveSource,
     *,
     keep: bool = False,
     checkpoints: Path | None = None,
     checkpoint_seconds: float = 5.0,
     on_point: OnPoint = lambda point: None,
-) -> Outcome:
-    """Run a cell to its end: {cell, status, error, points, digest, seconds, knowledge}. A failure is an outcome too.
+    stop: Callable[[], bool] = lambda: False,
+) -> Outcome | None:
+    """Run a cell to its end (see `CellRun`), telling `on_point` of each evaluation of this call.
 
-    source: gives the knowledge that the cell's source names. keep: whether what is learned is wanted.
-    checkpoints: a folder for the cell's state, from which a later call goes on bit for bit; None: no checkpoints.
-    checkpoint_seconds: time between two of them; each is made at an evaluation.
-    on_point: is told each evaluation of this call.
+    stop: is asked after each evaluation; where it says so, the cell is checkpointed and there is no outcome: None.
     """
-    before: dict[str, Any] = curve.columns([])
-    points: list[EvalPoint] = []
-    error, knowledge = None, None
-    started = time.perf_counter()
-    try:
-        training = train(cell, source(cell))
-        path = checkpoints / f"{cell.id}.checkpoint" if checkpoints and training.resumable else None
-        before = _resume(training, path)
-        saved = time.perf_counter()
-        for point in training:
-            points.append(point)
-            on_point(point)
-            if path is not None and time.perf_counter() - saved >= checkpoint_seconds:
-                _save(path, training, curve.joined(before, curve.columns(points)))
-                saved = time.perf_counter()
-        knowledge = training.knowledge().to_bytes() if keep else None
-    except Exception as exception:
-        where = traceback.extract_tb(exception.__traceback__)[-1]
-        error = f"{type(exception).__name__}: {exception} ({Path(where.filename).name}:{where.lineno})"
-    table = curve.joined(before, curve.columns(points))
+    run = CellRun(cell, source, keep=keep, checkpoints=checkpoints, checkpoint_seconds=checkpoint_seconds)
+    while (point := run.step()) is not None:
+        on_point(point)
+        if stop():
+            run.save()
+            return None
+    return run.outcome()
+
+
+def lost(cell: Cell, error: str, seconds: float) -> Outcome:
+    """The outcome of a cell whose worker cannot tell it any more."""
+    return _outcome(cell, error, curve.columns([]), seconds) | {"knowledge": None}
+
+
+def stopped(cell: Cell, reason: str, points: dict[str, Any]) -> Outcome:
+    """The outcome of a cell that a scheduler has ended early, with the curve up to there."""
+    return _outcome(cell, reason, points, points["seconds"][-1]) | {"status": "stopped", "knowledge": None}
+
+
+def _outcome(cell: Cell, error: str, points: dict[str, Any], seconds: float) -> Outcome:
     return {
         "cell": cell.to_json(),
         "status": "failed" if error else "done",
-        "error": error,
-        "points": table,
-        "digest": curve.digest(table),
-        "seconds": table["seconds"][-1] if not error else time.perf_counter() - started,
-        "knowledge": knowledge,
+        "error": error or None,
+        "points": points,
+        "digest": curve.digest(points),
+        "seconds": seconds,
     }
 
 
@@ -73,11 +178,3 @@ def _resume(training: Training, path: Path | None) -> dict[str, Any]:
     training.restore(state["training"])
     points: dict[str, Any] = state["points"]
     return points
-
-
-def _save(path: Path, training: Training, points: dict[str, Any]) -> None:
-    """Save a checkpoint; a disk that is full costs the checkpoint, not the cell."""
-    try:
-        checkpoint.save(path, {"training": training.state(), "points": points})
-    except OSError:
-        return

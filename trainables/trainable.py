@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
+import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import ray
 from ray import tune
 
 from trainables import curve
 from trainables.agents import AGENTS, agent_named
 from trainables.cell import Cell, Source
-from trainables.cell_run import run_cell
+from trainables.cell_run import CellRun, GiveSource, Outcome, run_cell
 from trainables.errors import InputError
 from trainables.evaluation import EvalPoint
 from trainables.knowledge import Knowledge
+from trainables.lockstep import lockstep
+from trainables.storage import storage_path
 from trainables.tasks import families, parse_task
 from trainables.threads import one_thread
 from trainables.training import exact_source, train
@@ -25,6 +30,12 @@ Config = dict[str, Any]
 
 PROGRESS_SECONDS = 2.0
 """Time between reports of a long cell's progress."""
+
+OUTCOME_SECONDS = 0.5
+"""Time between reports of ended cells, and between two looks for the driver's wish to stop."""
+
+STOP = "STOP"
+"""The file in the checkpoints' folder by which the driver asks its workers to stop."""
 
 RESERVED = ("seed", "source", "source_file")
 """Keys of a trainable's config that are no hyperparameters."""
@@ -95,25 +106,74 @@ def run_cells(
     checkpoints: str | None = None,
     checkpoint_seconds: float = 5.0,
 ) -> None:
-    """A sweep's trainable: run the cells of config["cells"] one after the other, and report each when it ends.
+    """A sweep's trainable: run the cells of config["cells"] one after the other, and report what comes of each.
 
+    config["together"]: run them side by side, and report after each evaluation for a scheduler to judge.
     sources: the arrays of each source, by `Cell.source_key`. keep: whether what each has learned is wanted too.
-    checkpoints: the folder for the states of long cells, each saved once in `checkpoint_seconds` at the most.
-    A report has `ended`, the outcomes that the sweep's callback takes over, or `progress`, the share of a long cell
-    that is done. A cell that fails is an outcome like another, and the next one runs.
+    checkpoints: the folder for the states of long cells, each saved once in `checkpoint_seconds` at the most; a file
+    STOP in it asks for a checkpoint and an end.
+    The first report has `worker`, where this is. A later one has `ended`, the outcomes that the sweep's callback takes
+    over; or `progress`, the share of a long cell that is done; or `evaluations`, `score` and the curves' new `points`.
+    A cell that fails is an outcome like another, and the next one runs.
     """
     one_thread()
-    for data in config["cells"]:
-        cell = Cell.from_json(data)
-        outcome = run_cell(
-            cell,
-            lambda cell: Knowledge((sources or {})[cell.source_key]) if cell.source else None,
-            keep=keep,
-            checkpoints=Path(checkpoints) if checkpoints else None,
-            checkpoint_seconds=checkpoint_seconds,
-            on_point=_Progress(cell),
-        )
-        tune.report({"ended": [outcome]})
+    tune.report({"worker": {"pid": os.getpid(), "node": ray.get_runtime_context().get_node_id()}})
+    folder = storage_path(checkpoints) if checkpoints else None
+    options: dict[str, Any] = {"keep": keep, "checkpoints": folder, "checkpoint_seconds": checkpoint_seconds}
+    cells = [Cell.from_json(data) for data in config["cells"]]
+    stop = StopFile(folder)
+
+    def source(cell: Cell) -> Knowledge | None:
+        return Knowledge((sources or {})[cell.source_key]) if cell.source else None
+
+    if config.get("together"):
+        _run_together([CellRun(cell, source, **options) for cell in cells], stop)
+    else:
+        _run_in_turn(cells, source, options, stop)
+
+
+def _run_in_turn(cells: Sequence[Cell], source: GiveSource, options: dict[str, Any], stop: StopFile) -> None:
+    """One cell after the other; the outcomes of short ones are reported together."""
+    outcomes: list[Outcome] = []
+    reported = time.monotonic()
+    for cell in cells:
+        outcome = run_cell(cell, source, **options, on_point=_Progress(cell), stop=stop)
+        if outcome is not None:
+            outcomes.append(outcome)
+        if outcomes and time.monotonic() - reported >= OUTCOME_SECONDS:
+            tune.report({"ended": outcomes})
+            outcomes, reported = [], time.monotonic()
+        if stop():
+            break
+    if outcomes:
+        tune.report({"ended": outcomes})
+
+
+def _run_together(runs: Sequence[CellRun], stop: StopFile) -> None:
+    """The seeds of a configuration in lockstep, as far as Tune's scheduler lets them."""
+    told = {run.cell.id: 0 for run in runs}
+    for rung in lockstep(runs, stop):
+        points = {run.cell.id: run.points(told[run.cell.id]) for run in runs}
+        told = {run.cell.id: run.evaluations for run in runs}
+        tune.report({"evaluations": rung.evaluations, "score": rung.score, "points": points})
+    if ended := [run.outcome() for run in runs if run.ended]:
+        tune.report({"ended": ended})
+
+
+class StopFile:
+    """Whether the driver has asked its workers to stop; looked up at most twice a second."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._path = folder / STOP if folder else None
+        self._looked = -math.inf
+        self._there = False
+
+    def __call__(self) -> bool:
+        """Whether to stop."""
+        if self._path is not None and not self._there and time.monotonic() - self._looked >= OUTCOME_SECONDS:
+            self._looked = time.monotonic()
+            self._there = self._path.exists()
+        return self._there
 
 
 class _Progress:
@@ -127,5 +187,5 @@ class _Progress:
         """Report, unless the last report is not long ago."""
         if time.monotonic() - self._reported >= PROGRESS_SECONDS:
             self._reported = time.monotonic()
-            share = point.episode / self._episodes
-            tune.report({"progress": {"cell": self._cell.id, "share": share, "greedy_return": point.greedy_return}})
+            progress = {"cell": self._cell.id, "share": point.episode / self._episodes, "step": point.step}
+            tune.report({"progress": progress | {"greedy_return": point.greedy_return}})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import Any
+from typing import Any, NoReturn
 
 import typer
 
@@ -13,8 +13,8 @@ from orchestrator.export import best
 from orchestrator.present import group_table
 from orchestrator.publish import Published, artifacts, publish
 from orchestrator.results import Results
-from orchestrator.sweep import Tally
-from orchestrator.tracking import Tracker
+from orchestrator.settings import Tally
+from orchestrator.tracker import Tracker
 
 
 def report(results: Results, tally: Tally, tracker: Tracker | None, as_json: bool) -> None:
@@ -30,8 +30,21 @@ def report(results: Results, tally: Tally, tracker: Tracker | None, as_json: boo
         print_json(_summary(results, tally, published, tracker, after))
     else:
         _print_report(results, tally, published, tracker, after)
-    if tally.failed or tally.lost:
+    if tally.failed:
         raise typer.Exit(1)
+
+
+def interrupted(results: Results, tally: Tally, tracker: Tracker | None, as_json: bool) -> NoReturn:
+    """Say what a sweep that was stopped has done, and end with exit code 130."""
+    if tracker:
+        tracker.interrupt()
+    if as_json:
+        print_json({"sweep": str(results.folder), "tally": asdict(tally), "interrupted": True})
+    else:
+        ended = f"{tally.ran} cells run ({tally.failed} failed), {tally.reused} there before"
+        out.print(f"{ended}, {tally.left} left; long ones are checkpointed.", soft_wrap=True)
+    err.print("interrupted: the same command goes on from here", soft_wrap=True)
+    raise typer.Exit(130)
 
 
 def _summary(
@@ -53,12 +66,11 @@ def _print_report(results: Results, tally: Tally, published: Published, tracker:
     out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds", tried))
     if incomplete:
         out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
-    for error in tally.lost:
-        print_named("A worker was lost for good", error, "red")
     total = tally.seconds + after
     share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
+    stopped = f", {tally.stopped} stopped early" if tally.stopped else ""
     out.print(
-        f"{tally.ran} cells run ({tally.failed} failed), {tally.reused} there before; {total:.0f} s, "
+        f"{tally.ran} cells run ({tally.failed} failed{stopped}), {tally.reused} there before; {total:.0f} s, "
         f"{share:.0f} % of it not training."
     )
     out.print(f"Results:  {results.folder}", soft_wrap=True)

@@ -28,6 +28,10 @@ def sweep(
     address: Annotated[str | None, typer.Option(help="Join this Ray cluster: HOST:PORT or 'auto'.")] = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cells again.")] = False,
     checkpoint_every: Annotated[float, typer.Option(min=0, help="Seconds between checkpoints of a long cell.")] = 5.0,
+    time_limit: Annotated[float | None, typer.Option(min=0.1, help="Seconds that a cell may take.")] = None,
+    cpus_per_cell: Annotated[float, typer.Option(min=0.01, help="CPUs of a cell; a fraction shares one.")] = 1.0,
+    gpus_per_cell: Annotated[float, typer.Option(min=0, help="GPUs of a cell; a fraction shares one.")] = 0.0,
+    memory_per_cell: Annotated[float, typer.Option(min=0, help="GiB of memory to reserve for a cell.")] = 0.0,
     mlflow: Annotated[bool, typer.Option(help="Record in MLflow.")] = True,
     tracking_uri: TrackingUri = None,
     as_json: Json = False,
@@ -41,31 +45,37 @@ def sweep(
     from orchestrator.environment import prepare
 
     prepare(joins_cluster=address is not None)
-    from orchestrator import tracking
-    from orchestrator.commands.report import report
+    from orchestrator.commands.report import interrupted, report
     from orchestrator.export import read_params
     from orchestrator.results import Results
+    from orchestrator.settings import Resources, Settings
     from orchestrator.store import tracking_uri as store_uri
-    from orchestrator.sweep import Settings, run
+    from orchestrator.sweep import run
+    from orchestrator.tracker import Tracker
     from search_spaces import load, narrow
 
     chosen = narrow(
         load(space), tasks=task or (), agents=agent or (), seeds=seeds, hyperparameters=_settings(settings or [])
     )
-    settled = read_params(params) if params else {}
-    uri = store_uri(storage, tracking_uri)
+    how = Settings(
+        workers=workers,
+        address=address,
+        retry_failed=retry_failed,
+        checkpoint_seconds=checkpoint_every,
+        time_limit=time_limit,
+        resources=Resources(cpus_per_cell, gpus_per_cell, memory_per_cell),
+        params=read_params(params) if params else {},
+    )
+    uri = store_uri(storage, tracking_uri) if mlflow else None
     if address:
-        from orchestrator.runner import check_address
+        from orchestrator.cluster import check_address
 
         check_address(address)
     results = Results.create(storage, name or chosen.name, chosen)
-    tracker = tracking.Tracker(results, uri) if mlflow else None
-    tally = run(
-        results,
-        Settings(workers, address, retry_failed, checkpoint_every, settled),
-        err if as_json else out,
-        tracker.record if tracker else lambda stage, record: None,
-    )
+    tracker = Tracker(results, uri) if uri else None
+    tally = run(results, how, err if as_json else out, tracker.record if tracker else lambda stage, record: None)
+    if tally.left:
+        interrupted(results, tally, tracker, as_json)
     report(results, tally, tracker, as_json)
 
 

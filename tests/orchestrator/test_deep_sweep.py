@@ -108,7 +108,7 @@ def test_a_seed_that_is_not_there_cannot_be_picked() -> None:
 
 def test_a_cell_that_is_cut_off_twice_goes_on_bit_for_bit(tmp_path: Path) -> None:
     whole = cell_run.run_cell(small(), lambda cell: None, keep=True)
-    for expected in ([0, 10], [10, 20]):
+    for expected in ([0, 10], [20, 30]):
         episodes: list[int] = []
         _cut_off(tmp_path, expected[-1], episodes)
         assert episodes == expected
@@ -158,7 +158,7 @@ def test_a_killed_worker_is_replaced_and_the_table_is_the_same(
     tally = run(results, Settings(checkpoint_seconds=0), Console(quiet=True))
     thread.join()
     assert killed
-    assert (tally.failed, tally.lost) == (0, [])
+    assert tally.failed == 0
     before, after = (timeless(each.write_tables()[1]) for each in (swept, results))
     assert after.equals(before)
     learned = [SourceLibrary(each.storage).load(each.plan()["source"][0].id).digest for each in (swept, results)]
@@ -170,7 +170,7 @@ def _kill_a_worker(results: Results, killed: list[int]) -> None:
     deadline = time.monotonic() + 120
     while not killed and time.monotonic() < deadline:
         time.sleep(0.02)
-        if list((results.folder / "cells").glob("*.json")):
+        if results.heads():
             killed += list(_own_workers())[:1]
             for pid in killed:
                 os.kill(pid, signal.SIGKILL)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CELLS, SPACE
+from conftest import CELLS, SPACE, record_lines, set_record_lines
 
 from orchestrator.results import Results
 from orchestrator.source_library import SourceLibrary
@@ -24,32 +23,6 @@ def copy(finished: Path, tmp_path: Path) -> Results:
     """A finished sweep that may be damaged."""
     shutil.copytree(finished, tmp_path / "copy")
     return Results.open(tmp_path / "copy", "small")
-
-
-def one_record(results: Results) -> Path:
-    return sorted((results.folder / "cells").glob("*.json"))[0]
-
-
-def test_every_record_reads_back_with_its_bits(copy: Results) -> None:
-    for path in (copy.folder / "cells").glob("*.json"):
-        record = copy.record(path.stem)
-        assert record is not None
-        assert record.to_bytes() == path.read_bytes()
-
-
-@pytest.mark.parametrize("damage", ["half", "digit", "empty", "other", "schema"])
-def test_a_damaged_record_is_named_and_never_taken_for_a_whole_one(copy: Results, damage: str) -> None:
-    path = one_record(copy)
-    text = path.read_text()
-    data = json.loads(text)
-    if damage == "digit":
-        data["points"]["greedy_return"][3] += 1e-9
-    if damage == "schema":
-        data["schema"] = 99
-    whole = {"half": text[: len(text) // 2], "empty": "", "other": sorted(path.parent.glob("*.json"))[1].read_text()}
-    path.write_text(whole.get(damage, json.dumps(data)))
-    with pytest.raises(InputError, match=f"{path.name} is damaged .* run the sweep again"):
-        copy.record(path.stem)
 
 
 @pytest.mark.parametrize("cell_id", ["../../etc/passwd", "", "abc", "0123456789ABCDEF", "0" * 17])
@@ -94,13 +67,23 @@ def test_the_tables_on_disk_are_those_of_the_records(copy: Results) -> None:
 
 
 def test_a_missing_record_is_a_row_of_its_own_without_an_auc(copy: Results) -> None:
-    path = one_record(copy)
-    path.unlink()
-    cells, _ = copy.tables()
-    row = cells.set_index("cell_id").loc[path.stem]
+    gone, *lines = record_lines(copy)
+    set_record_lines(copy, lines)
+    cells, _ = Results.open(copy.storage, "small").tables()
+    row = cells.set_index("cell_id").loc[gone.split(b"\t")[1].decode()]
     assert row["status"] == "missing"
     assert pd.isna(row["auc"])
     assert len(cells) == CELLS
+
+
+def test_tables_that_are_older_than_a_record_are_drawn_up_anew(copy: Results) -> None:
+    before, _ = copy.write_tables()
+    record = copy.record(before["cell_id"][0])
+    assert record is not None
+    copy.add(record.model_copy(update={"status": "failed", "error": "test"}))
+    cells, points = copy.tables()
+    assert list(cells["status"]) == ["failed", *(["done"] * (CELLS - 1))]
+    pd.testing.assert_frame_equal(Results.open(copy.storage, "small").tables()[1], points)
 
 
 def test_an_unknown_sweep_is_refused_with_the_nearest(copy: Results) -> None:

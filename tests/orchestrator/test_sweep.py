@@ -12,17 +12,18 @@ from typing import Any
 
 import pytest
 import yaml
-from conftest import CELLS, SPACE, timeless
+from conftest import CELLS, SPACE, record_lines, set_record_lines, timeless
 from rich.console import Console
 
-from orchestrator import runner
+from orchestrator import cluster
 from orchestrator.errors import SweepError
 from orchestrator.export import read_params, write_best
 from orchestrator.ledger import Ledger
 from orchestrator.replay import replay
 from orchestrator.results import Results
+from orchestrator.settings import Settings, Tally
 from orchestrator.status import sweep_status
-from orchestrator.sweep import Settings, Tally, run
+from orchestrator.sweep import run
 from search_spaces import parse
 from trainables.cell import Cell
 from trainables.cell_run import run_cell
@@ -45,7 +46,7 @@ def storage(finished: Path, tmp_path: Path) -> Path:
 
 
 def test_a_finished_sweep_runs_nothing_again_and_starts_no_ray(storage: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "connected", None)
+    monkeypatch.setattr(cluster, "connected", None)
     _, tally = sweep(storage)
     assert (tally.ran, tally.reused) == (0, CELLS)
 
@@ -53,9 +54,9 @@ def test_a_finished_sweep_runs_nothing_again_and_starts_no_ray(storage: Path, mo
 def test_only_missing_cells_run_and_the_tables_are_the_same(storage: Path, ray_session: None) -> None:
     results = Results.open(storage, "small")
     before, points = (timeless(table) for table in results.write_tables())
-    for path in sorted((results.folder / "cells").glob("*.json"))[::5]:
-        path.unlink()
-    missing = CELLS - len(list((results.folder / "cells").glob("*.json")))
+    lines = record_lines(results)
+    missing = len(lines[::5])
+    set_record_lines(results, (line for number, line in enumerate(lines) if number % 5))
     _, tally = sweep(storage)
     assert (tally.ran, tally.reused) == (missing, CELLS - missing)
     after, again = (timeless(table) for table in results.write_tables())
@@ -75,7 +76,7 @@ def test_a_shrunk_space_leaves_the_other_cells_alone_and_out_of_the_tables(stora
     assert tally.ran == 0
     cells, _ = results.write_tables()
     assert len(cells) == 8
-    assert len(list((results.folder / "cells").glob("*.json"))) == CELLS
+    assert len(results.heads()) == CELLS
 
 
 def test_a_source_that_is_lost_from_the_library_is_trained_again(storage: Path, ray_session: None) -> None:
@@ -96,15 +97,15 @@ def test_a_worker_gives_the_bits_of_a_plain_process(storage: Path) -> None:
 
 def test_replay_says_where_a_curve_differs(storage: Path) -> None:
     results = Results.open(storage, "small")
-    path = sorted((results.folder / "cells").glob("*.json"))[0]
-    record = results.record(path.stem)
+    cell_id = next(iter(results.heads()))
+    record = results.record(cell_id)
     assert record is not None
     points = copy.deepcopy(record.points)
     points["greedy_return"][2] = -1.25
     from trainables import curve
 
     results.add(record.model_copy(update={"points": points, "digest": curve.digest(points)}))
-    found = replay(storage, path.stem)
+    found = replay(storage, cell_id)
     assert not found.agrees
     assert found.first_difference is not None
     assert found.first_difference.startswith("greedy_return at episode 20: -1.25 was recorded")
@@ -144,10 +145,13 @@ def test_a_cell_that_raises_is_reported_with_its_place_and_the_next_one_runs() -
     }
     cell = Cell.from_json(json.loads(json.dumps(good.to_json())) | bad | {"hyperparameters": {"episodes": 10}})
     result = run_cell(cell, lambda cell: Knowledge({}))
+    assert result is not None
     assert result["status"] == "failed"
     assert result["error"].startswith("InputError: the source is not a Q table")
     assert "knowledge.py:" in result["error"]
-    assert run_cell(good, lambda cell: None, keep=True)["status"] == "done"
+    next_one = run_cell(good, lambda cell: None, keep=True)
+    assert next_one is not None
+    assert next_one["status"] == "done"
 
 
 def test_an_outcome_that_is_told_twice_counts_once(tmp_path: Path) -> None:
@@ -155,17 +159,19 @@ def test_an_outcome_that_is_told_twice_counts_once(tmp_path: Path) -> None:
     ledger = Ledger(results, retry_failed=False)
     cell = Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 10})
     ledger.plan("source", [cell])
-    assert ledger.take("source", run_cell(cell, lambda cell: None)) is not None
-    assert ledger.take("source", run_cell(cell, lambda cell: None)) is None
-    assert len(list((results.folder / "cells").glob("*"))) == 1
+    outcome = run_cell(cell, lambda cell: None)
+    assert outcome is not None
+    assert [record.cell for record in ledger.take("source", [outcome])] == [cell]
+    assert ledger.take("source", [outcome]) == []
+    assert len(record_lines(results)) == 1
 
 
 def test_two_drivers_at_one_sweep_are_refused_and_a_dead_ones_lock_is_free(storage: Path) -> None:
     code = f"""
 import time
 from pathlib import Path
-from orchestrator.sweep import _locked
-with _locked(Path({str(storage / "small")!r})):
+from orchestrator.lock import locked
+with locked(Path({str(storage / "small")!r})):
     print("locked", flush=True)
     time.sleep(60)
 """

@@ -17,6 +17,7 @@ from orchestrator.errors import SweepError
 from orchestrator.publish import artifacts, publish
 from orchestrator.results import Results
 from orchestrator.store import tracking_uri
+from orchestrator.tracker import Tracker
 from trainables.errors import InputError
 
 GROUPS = 2 + 2 * (1 + 2 + 4)
@@ -124,7 +125,7 @@ def test_a_cell_that_is_gone_from_the_results_is_gone_from_mlflow(mirrored: Resu
 def test_a_tracker_with_a_dead_store_never_harms_the_sweep(finished: Path, tmp_path: Path) -> None:
     shutil.copytree(finished, tmp_path / "dead")
     results = Results.open(tmp_path / "dead", "small")
-    tracker = tracking.Tracker(results, "sqlite:////dev/null/no/mlflow.db")
+    tracker = Tracker(results, "sqlite:////dev/null/no/mlflow.db")
     for stage, _, record in results.records():
         assert record is not None
         tracker.record(stage, record)
@@ -137,7 +138,7 @@ def test_a_tracker_with_a_dead_store_never_harms_the_sweep(finished: Path, tmp_p
 def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(finished: Path, tmp_path: Path) -> None:
     shutil.copytree(finished, tmp_path / "told")
     results = Results.open(tmp_path / "told", "small")
-    tracker = tracking.Tracker(results, tracking_uri(results.storage, None))
+    tracker = Tracker(results, tracking_uri(results.storage, None))
     for stage, _, record in list(results.records())[:3]:
         assert record is not None
         tracker.record(stage, record)

@@ -1,0 +1,160 @@
+"""Ray on this machine or on a running cluster: joining it, sending it our code, and reaching its nodes."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import shutil
+import signal
+import socket
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import ray
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+from orchestrator.settings import Resources
+from trainables.errors import InputError
+from trainables.storage import is_local, storage_path
+
+PACKAGES = ("trainables", "search_spaces", "orchestrator", "dashboards")
+"""What travels to a cluster, whose nodes need but the dependencies."""
+
+_QUIET: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+
+
+@contextmanager
+def connected(workers: int | None, address: str | None, resources: Resources) -> Iterator[None]:
+    """Ray, started here with CPUs for `workers` cells (default: this process's CPUs), or joined at `address`.
+
+    A Ray that this process has started already is used as it is, and left running.
+    Raises InputError where no cluster answers at `address`.
+    """
+    if ray.is_initialized():
+        yield
+        return
+    if address is None:
+        cpus = math.ceil(workers * resources.cpus) if workers else _own_cpus()
+        ray.init(address="local", num_cpus=cpus, include_dashboard=False, **_QUIET)
+    else:
+        _join(address)
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+def _join(address: str) -> None:
+    check_address(address)
+    folder = stage_code(Path(tempfile.mkdtemp(prefix="deltatune-code-")))
+    try:
+        ray.init(address=address, runtime_env={"working_dir": str(folder)}, **_QUIET)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        text = str(error).strip().split("\n")[0]
+        raise InputError(f"no Ray cluster could be joined at '{address}': {text}") from None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def stage_code(folder: Path) -> Path:
+    """A copy of our packages in `folder`, and of nothing that lies beside them."""
+    root = Path(__file__).resolve().parent.parent
+    for package in PACKAGES:
+        shutil.copytree(root / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
+    return folder
+
+
+def check_address(address: str) -> None:
+    """Raise InputError where no cluster can be at `address`: Ray itself would try for minutes to reach it."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdigit():
+        if address == "auto":
+            return
+        raise InputError(f"a cluster's address is HOST:PORT or 'auto' (got '{address}')")
+    if error := unreachable(host, int(port)):
+        raise InputError(f"no Ray cluster answers at '{address}': {error}")
+
+
+def unreachable(host: str, port: int, timeout: float = 5.0) -> str | None:
+    """Why nothing answers at an address; None where something does."""
+    try:
+        socket.create_connection((host, port), timeout=timeout).close()
+    except OSError as error:
+        return error.strerror or str(error)
+    return None
+
+
+def head() -> tuple[str, int]:
+    """Host and port of the cluster's head."""
+    host, _, port = str(ray.get_runtime_context().gcs_address).rpartition(":")
+    return host, int(port)
+
+
+def capacity(resources: Resources) -> int:
+    """How many cells the cluster takes at a time; InputError where a cell fits on none of its nodes."""
+    wanted = resources.request()
+    alive = [node["Resources"] for node in _nodes() if node["Alive"]]
+    fits = [min((int(there.get(name, 0.0) / amount) for name, amount in wanted.items()), default=1) for there in alive]
+    if not any(fits):
+        most = {name: max((there.get(name, 0.0) for there in alive), default=0.0) for name in wanted}
+        asked, given = (", ".join(f"{name} {_amount(name, x)}" for name, x in d.items()) for d in (wanted, most))
+        raise InputError(f"a cell fits on no node: it asks for {asked}; the most that a node has is {given}")
+    return sum(fits)
+
+
+def _amount(name: str, value: float) -> str:
+    return f"{value / 2**30:.1f} GiB" if name == "memory" else f"{value:g}"
+
+
+def nodes() -> list[tuple[str, str]]:
+    """(id, host name) of the nodes that are alive."""
+    return [(node["NodeID"], node["NodeManagerHostname"]) for node in _nodes() if node["Alive"]]
+
+
+def _nodes() -> list[dict[str, Any]]:
+    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
+    return nodes
+
+
+def blind_nodes(folder: Path) -> list[str]:
+    """Host names of the nodes that do not see what is written to `folder` here."""
+    there = nodes()
+    if len(there) < 2 or not is_local(folder):
+        return []
+    probe = Path(tempfile.mkstemp(dir=folder, prefix=".probe-")[1])
+    try:
+        probe.write_text(token := hashlib.sha256(os.urandom(16)).hexdigest())
+        seen: Sequence[bool] = ray.get([_on(node, _sees).remote(str(probe), token) for node, _ in there], timeout=120)
+    except ray.exceptions.RayError as error:
+        raise InputError(f"the nodes of the cluster cannot be asked for {folder}: {error}") from None
+    finally:
+        probe.unlink(missing_ok=True)
+    return [host for (_, host), sees in zip(there, seen, strict=True) if not sees]
+
+
+def kill(node: str, pid: int) -> None:
+    """Kill a process of a node, whatever it hangs in. Does not wait for it."""
+    if any(node == there for there, _ in nodes()):
+        _on(node, os.kill).remote(pid, signal.SIGKILL)
+
+
+def _on(node: str, function: Any) -> Any:
+    """`function` as a task for one node, which takes no CPU there."""
+    strategy = NodeAffinitySchedulingStrategy(node, soft=False)
+    options: Any = {"num_cpus": 0, "max_retries": 0, "scheduling_strategy": strategy}
+    return ray.remote(**options)(function)
+
+
+def _sees(path: str, token: str) -> bool:
+    probe = storage_path(path)
+    return probe.exists() and probe.read_text() == token
+
+
+def _own_cpus() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

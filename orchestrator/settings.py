@@ -1,0 +1,57 @@
+"""How a sweep is to run, and what a run of it did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from orchestrator.plan import Params
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What a cell gets of the cluster; fractions let several share a CPU or a GPU."""
+
+    cpus: float = 1.0
+    gpus: float = 0.0
+    memory_gib: float = 0.0
+    """0: not accounted for."""
+
+    def request(self) -> dict[str, float]:
+        """As Ray takes it: CPU, GPU, and memory in bytes; what is 0 is left out."""
+        wanted = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * 2**30}
+        return {name: amount for name, amount in wanted.items() if amount}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a sweep runs; nothing here decides a result but `params`, which settles hyperparameters."""
+
+    workers: int | None = None
+    """Cells at a time; None: as many as there are CPUs for."""
+    address: str | None = None
+    """A running Ray cluster; None: this machine."""
+    retry_failed: bool = False
+    checkpoint_seconds: float = 5.0
+    """Time between the checkpoints of a long cell."""
+    time_limit: float | None = None
+    """Seconds that a cell may take; what takes longer fails."""
+    resources: Resources = Resources()
+    params: Params = field(default_factory=dict)
+
+
+@dataclass
+class Tally:
+    """What a run of a sweep did."""
+
+    ran: int = 0
+    failed: int = 0
+    stopped: int = 0
+    """Cells that a scheduler ended early."""
+    reused: int = 0
+    """Cells that had ended before."""
+    training_seconds: float = 0.0
+    """Summed over the cells that ran."""
+    seconds: float = 0.0
+    workers: int = 0
+    left: int = 0
+    """Cells that an interruption has left."""

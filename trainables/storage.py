@@ -1,0 +1,35 @@
+"""Paths of a storage folder: on this machine's disks, or at a URL that fsspec knows (s3://BUCKET/FOLDER, gs://...)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import cast
+
+from trainables.errors import InputError
+
+
+def storage_path(text: str) -> Path:
+    """The folder that `text` names: a path, or a URL, which then has Path's methods to read and to write.
+
+    Raises InputError for a URL of an unknown protocol, or one whose package is not installed.
+    """
+    if "://" not in text:
+        return Path(text)
+    from upath import UPath
+
+    protocol = text.split("://", 1)[0]
+    try:
+        path = UPath(text)
+        path.exists()
+    except ImportError as error:
+        raise InputError(f"the storage {text} needs a package: {error}") from None
+    except ValueError:
+        raise InputError(f"a storage is a folder or a URL that fsspec knows (got the protocol '{protocol}')") from None
+    except OSError as error:
+        raise InputError(f"the storage {text} does not answer: {error}") from None
+    return cast(Path, path)
+
+
+def is_local(path: object) -> bool:
+    """Whether a path is on a disk: it can be appended to, renamed and locked there."""
+    return isinstance(path, Path)
