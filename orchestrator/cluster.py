@@ -9,7 +9,9 @@ import shutil
 import signal
 import socket
 import tempfile
-from collections.abc import Iterator, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,9 @@ from trainables.storage import is_local, storage_path
 
 PACKAGES = ("trainables", "search_spaces", "orchestrator", "dashboards")
 """What travels to a cluster, whose nodes need but the dependencies."""
+
+HEAD_PATIENCE = 45.0
+"""Seconds without an answer after which the head counts as gone. Ray itself ends its processes after 60."""
 
 _QUIET: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
 
@@ -50,6 +55,9 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
 
 def _join(address: str) -> None:
     check_address(address)
+    if "RAY_JOB_CONFIG_JSON_ENV_VAR" in os.environ:  # a job: the cluster has its code already
+        ray.init(address=address, **_QUIET)
+        return
     folder = stage_code(Path(tempfile.mkdtemp(prefix="deltatune-code-")))
     try:
         ray.init(address=address, runtime_env={"working_dir": str(folder)}, **_QUIET)
@@ -88,10 +96,28 @@ def unreachable(host: str, port: int, timeout: float = 5.0) -> str | None:
     return None
 
 
-def head() -> tuple[str, int]:
-    """Host and port of the cluster's head."""
-    host, _, port = str(ray.get_runtime_context().gcs_address).rpartition(":")
-    return host, int(port)
+@contextmanager
+def watched_head(lost: Callable[[str], None]) -> Iterator[None]:
+    """Tell `lost` the address of the cluster's head once it has not answered for HEAD_PATIENCE seconds."""
+    address = str(ray.get_runtime_context().gcs_address)
+    over = threading.Event()
+    watcher = threading.Thread(target=_watch, args=(address, lost, over), daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
+def _watch(address: str, lost: Callable[[str], None], over: threading.Event) -> None:
+    host, _, port = address.rpartition(":")
+    heard = time.monotonic()
+    while not over.wait(HEAD_PATIENCE / 9):
+        if not unreachable(host, int(port)):
+            heard = time.monotonic()
+        elif time.monotonic() - heard > HEAD_PATIENCE and not over.is_set():
+            lost(address)
+            return
 
 
 def capacity(resources: Resources) -> int:
@@ -139,7 +165,7 @@ def blind_nodes(folder: Path) -> list[str]:
 def kill(node: str, pid: int) -> None:
     """Kill a process of a node, whatever it hangs in. Does not wait for it."""
     if any(node == there for there, _ in nodes()):
-        _on(node, os.kill).remote(pid, signal.SIGKILL)
+        _on(node, _kill).remote(pid)
 
 
 def _on(node: str, function: Any) -> Any:
@@ -147,6 +173,10 @@ def _on(node: str, function: Any) -> Any:
     strategy = NodeAffinitySchedulingStrategy(node, soft=False)
     options: Any = {"num_cpus": 0, "max_retries": 0, "scheduling_strategy": strategy}
     return ray.remote(**options)(function)
+
+
+def _kill(pid: int) -> None:
+    os.kill(pid, signal.SIGKILL)
 
 
 def _sees(path: str, token: str) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from pathlib import Path
 from types import TracebackType
@@ -105,6 +107,15 @@ class Display:
         """Say something that happened."""
         self._journal.write(text)
         self._console.print(text, soft_wrap=True, style="yellow")
+
+    def abandon(self, address: str) -> None:
+        """End this process: the cluster's head is gone, and Ray hangs without it. All ended cells are on disk."""
+        text = f"the head of the Ray cluster at {address} is gone; ended cells are kept, the same command goes on"
+        self._journal.write(text)
+        self._journal.close()
+        self._bars.stop()
+        print(f"error: {text}", file=sys.stderr, flush=True)
+        os._exit(1)
 
     def _show(self) -> None:
         now = time.monotonic()

@@ -108,7 +108,7 @@ class Relay(tune.Callback):
 
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """A trial's worker or node was lost."""
-        why = _cause(trial.get_error())
+        why = _cause(trial.error_file)
         self._display.note(f"a worker was lost: {why}")
         if running := self._queue.running.get(trial.trial_id):
             for cell in running.pack.cells:
@@ -168,12 +168,16 @@ def run_stage(
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _cause(error: object) -> str:
-    """Why a worker was lost, in a sentence."""
-    text = str(error or "")
-    if ("memory" in text and "OutOfMemory" in text) or "running low on memory" in text:
+def _cause(error_file: str | None) -> str:
+    """Why a worker was lost, in a sentence, from what Tune has noted of it."""
+    try:
+        text = Path(error_file or "").read_text(encoding="utf-8")
+    except OSError:
+        text = ""
+    if "OutOfMemory" in text or "running low on memory" in text:
         return "its node ran out of memory; fewer --workers, or --memory-per-cell, leave each cell more"
-    for line in reversed(text.strip().splitlines()):
-        if line.strip():
-            return line.strip()[:500]
-    return "nothing is known of the cause"
+    told = [line.strip() for line in text.splitlines() if line.strip()]
+    for line in told:
+        if line.startswith("ray.exceptions.") or "Error: " in line:
+            return line.removeprefix("ray.exceptions.")[:500]
+    return told[-1][:500] if told else "nothing is known of the cause"

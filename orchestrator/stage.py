@@ -90,10 +90,11 @@ class Stages:
     def _run_queue(
         self, queue: WorkQueue, work: Work, sources: dict[str, Arrays], taking: _Taking, display: Display
     ) -> None:
-        from orchestrator import runner
+        from orchestrator import cluster, runner
 
         shipment = runner.Shipment(sources, work.keep, self._checkpoints, self._settings.checkpoint_seconds)
-        runner.run_stage(queue, shipment, self._settings.resources, taking, display, self._schedulers(queue))
+        with cluster.watched_head(display.abandon):
+            runner.run_stage(queue, shipment, self._settings.resources, taking, display, self._schedulers(queue))
 
     def _connect(self) -> None:
         """Ray, once; how many cells it takes at a time; and where checkpoints can be."""

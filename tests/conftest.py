@@ -38,6 +38,21 @@ SPACE = {
 
 CELLS = 4 + 2 * (2 + 4 + 8)
 
+LONGER = {"hyperparameters": {"episodes": [1500], "evaluate_every": [50]}}
+"""Makes the cells of SPACE some tenths of a second long."""
+
+DEEP: dict[str, Any] = {
+    "scenarios": [
+        {
+            "source": {"task": "cartpole", "agent": "dqn", "hyperparameters": {"learning_rate": [0.001]}},
+            "targets": ["cartpole:gravity=5x"],
+        }
+    ],
+    "agents": {"dqn": {}, "delta_es": {}},
+    "hyperparameters": {"episodes": [300], "evaluate_every": [20], "evaluation_episodes": [5], "hidden_size": [32]},
+}
+"""6 cells of some seconds, with checkpoints."""
+
 
 def record_lines(results: Any) -> list[bytes]:
     """The lines of a sweep's record log, in order."""
@@ -75,6 +90,22 @@ def ray_session() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def finished(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The storage folder of a finished sweep called `small`. Read it; copy it before you change anything."""
+    return _swept(tmp_path_factory.mktemp("finished"), CELLS)
+
+
+@pytest.fixture(scope="session")
+def calm(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As `finished`, with cells that are LONGER."""
+    return _swept(tmp_path_factory.mktemp("calm"), CELLS, **LONGER)
+
+
+@pytest.fixture(scope="session")
+def calm_deep(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As `finished`, of DEEP."""
+    return _swept(tmp_path_factory.mktemp("calm-deep"), 6, **DEEP)
+
+
+def _swept(storage: Path, cells: int, **changes: Any) -> Path:
     from rich.console import Console
 
     from orchestrator.results import Results
@@ -82,9 +113,8 @@ def finished(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Pat
     from orchestrator.sweep import run
     from search_spaces import parse
 
-    storage = tmp_path_factory.mktemp("finished")
-    results = Results.create(storage, "small", parse("small", SPACE))
+    results = Results.create(storage, "small", parse("small", SPACE | changes))
     tally = run(results, Settings(), Console(quiet=True))
-    assert (tally.ran, tally.failed) == (CELLS, 0)
+    assert (tally.ran, tally.failed) == (cells, 0)
     results.write_tables()
     return storage

@@ -13,6 +13,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from trainables.storage import storage_path
+
 app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
@@ -33,7 +35,14 @@ def _console(stderr: bool) -> Console:
 out, err = _console(stderr=False), _console(stderr=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
-Storage = Annotated[Path, typer.Option(help="Folder of all sweeps, the source library and MLflow's store.")]
+Storage = Annotated[
+    Path,
+    typer.Option(
+        parser=storage_path,
+        metavar="FOLDER",
+        help="Of all sweeps, the source library and MLflow's store; or a URL: s3://BUCKET/FOLDER.",
+    ),
+]
 Sweep = Annotated[str, typer.Argument(metavar="SWEEP", help="A sweep's name in the storage folder, or its folder.")]
 TrackingUri = Annotated[
     str | None, typer.Option(help="MLflow store; default: MLFLOW_TRACKING_URI, else STORAGE/mlflow.db.")

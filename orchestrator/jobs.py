@@ -1,0 +1,110 @@
+"""A sweep as a Ray job: sent to a cluster's head, it goes on without the shell that sent it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import shlex
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlparse
+
+from orchestrator.cluster import stage_code, unreachable
+from orchestrator.errors import SweepError
+from trainables.errors import InputError
+
+SPACE_FILE = "space.yaml"
+"""The search space beside the code that is sent."""
+
+ASK_SECONDS = 180.0
+"""How long the cluster may take to say whether its nodes see the storage."""
+
+
+def client(address: str) -> Any:
+    """A client of the head at `address`; InputError where it is no such address, or nobody answers."""
+    parts = urlparse(address)
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise InputError(f"a head that takes jobs has an address like http://HOST:8265 (got '{address}')")
+    if why := unreachable(parts.hostname, parts.port or (443 if parts.scheme == "https" else 80)):
+        raise InputError(f"no Ray head takes jobs at '{address}': {why}")
+    try:
+        from ray.job_submission import JobSubmissionClient
+
+        return JobSubmissionClient(address)
+    except (ImportError, RuntimeError, ConnectionError) as error:
+        text = str(error).strip().split("\n")[0]
+        raise InputError(f"no job can be sent to '{address}': {text} (it needs deltatune[cluster])") from None
+
+
+def submit(head: Any, space: bytes, words: Sequence[str], name: str) -> str:
+    """Send `deltatune sweep` with `words` and the search space's YAML; the job's id."""
+    entrypoint = shlex.join(["python", "-m", "orchestrator.cli", "sweep", SPACE_FILE, *words, "--address", "auto"])
+    with _package({SPACE_FILE: space}) as folder:
+        metadata = {"deltatune_sweep": name}
+        return str(head.submit_job(entrypoint=entrypoint, runtime_env={"working_dir": str(folder)}, metadata=metadata))
+
+
+def check_storage(head: Any, storage: str) -> None:
+    """Ask the cluster whether all of its nodes see the storage; InputError with those that do not."""
+    with _package({}) as folder:
+        entrypoint = shlex.join(["python", "-m", "orchestrator.jobs", storage])
+        job = head.submit_job(entrypoint=entrypoint, runtime_env={"working_dir": str(folder)})
+        deadline = time.monotonic() + ASK_SECONDS
+        while not (status := head.get_job_status(job)).is_terminal():
+            if time.monotonic() > deadline:
+                head.stop_job(job)
+                raise SweepError(f"the cluster has not said within {ASK_SECONDS:.0f} s whether it sees {storage}")
+            time.sleep(0.5)
+    said = [line[len(_MARK) :] for line in head.get_job_logs(job).splitlines() if line.startswith(_MARK)]
+    if not said:
+        raise SweepError(f"the cluster could not be asked about {storage}: its job ended as {status.value}")
+    answer: dict[str, Any] = json.loads(said[-1])
+    if "error" in answer:
+        raise InputError(f"the cluster cannot use {storage}: {answer['error']}")
+    if answer["blind"]:
+        nodes = ", ".join(answer["blind"])
+        raise InputError(
+            f"{storage} is not one folder for all nodes ({nodes} cannot see what the head writes there): "
+            "take a shared folder, or a URL such as s3://BUCKET/FOLDER"
+        )
+
+
+_MARK = "deltatune-storage "
+
+
+@contextmanager
+def _package(files: dict[str, bytes]) -> Iterator[Path]:
+    """A folder with our code and some files."""
+    folder = stage_code(Path(tempfile.mkdtemp(prefix="deltatune-job-")))
+    try:
+        for name, data in files.items():
+            (folder / name).write_bytes(data)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _answer(storage: str) -> dict[str, Any]:
+    """On the cluster: who does not see the storage."""
+    import ray
+
+    from orchestrator.cluster import blind_nodes
+    from orchestrator.files import make_folder
+    from trainables.storage import storage_path
+
+    try:
+        folder = make_folder(storage_path(storage))
+        ray.init(address="auto", log_to_driver=False, logging_level=logging.ERROR)
+        return {"blind": blind_nodes(folder)}
+    except InputError as error:
+        return {"error": str(error)}
+
+
+if __name__ == "__main__":
+    print(_MARK + json.dumps(_answer(sys.argv[1])), flush=True)

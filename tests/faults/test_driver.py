@@ -1,0 +1,70 @@
+"""The driver is asked to stop, or killed: what has ended is kept, the same command goes on, MLflow agrees with it."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from conftest import DEEP, LONGER
+from harness import assert_same, driver, ended, sweep, wait_for
+
+from orchestrator.results import Results
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
+def test_a_sweep_that_is_asked_to_stop_ends_gracefully_and_goes_on(
+    calm: Path, tmp_path: Path, number: signal.Signals
+) -> None:
+    with driver(tmp_path, "--no-mlflow", **LONGER) as process:
+        wait_for(ended(tmp_path, 6), process)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "interrupted: the same command goes on from here" in err
+    assert "Traceback" not in out + err
+    there = len(Results.open(tmp_path, "small").heads())
+    assert f"{there} cells run (0 failed), 0 there before, " in out
+    _, tally = sweep(tmp_path, **LONGER)
+    assert tally.reused == there
+    assert_same(tmp_path, calm)
+
+
+def test_deep_cells_are_checkpointed_before_an_interrupted_sweep_ends(calm_deep: Path, tmp_path: Path) -> None:
+    with driver(tmp_path, "--no-mlflow", "--checkpoint-every", "10000", **DEEP) as process:
+        wait_for(lambda: "workers" not in log(tmp_path) and running(tmp_path), process)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=120)
+    assert process.returncode == 130
+    saved = list((tmp_path / "small" / "checkpoints").glob("*.checkpoint"))
+    assert saved, "no time between checkpoints has passed, so these were made for the interrupt"
+    before = {path.stem for path in saved}
+    assert before & {cell.id for cell in Results.open(tmp_path, "small").plan()["source"]}
+    sweep(tmp_path, **DEEP)
+    assert_same(tmp_path, calm_deep)
+    assert not list((tmp_path / "small" / "checkpoints").glob("*"))
+
+
+def log(storage: Path) -> str:
+    path = storage / "small" / "driver.log"
+    return path.read_text() if path.exists() else ""
+
+
+def running(storage: Path) -> bool:
+    from orchestrator.progress import read
+
+    snapshot = read(storage / "small")
+    return snapshot is not None and snapshot.share > 0
+
+
+def test_a_second_ctrl_c_does_not_wait(calm: Path, tmp_path: Path) -> None:
+    slow = {"hyperparameters": {"episodes": [300000], "evaluate_every": [300000]}}
+    with driver(tmp_path, "--no-mlflow", **slow) as process:
+        wait_for(lambda: "source" in log(tmp_path), process)
+        time.sleep(8)
+        for _ in range(2):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.5)
+        process.communicate(timeout=60)
+    assert process.returncode == 130

@@ -1,0 +1,128 @@
+"""Workers die, hang and run out of memory: the cell in question fails at the worst, all others end with their bits."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from conftest import CELLS
+from harness import assert_same, driver, on_start, sweep
+
+from orchestrator import work_queue
+from orchestrator.results import Results
+from orchestrator.settings import Settings
+from orchestrator.work_queue import Pack
+from trainables.cell import Cell
+
+pytestmark = pytest.mark.usefixtures("ray_session")
+
+DONE = {"done"}
+
+
+def victim(storage: Path) -> Cell:
+    """A cell of the middle of the transfer stage."""
+    return Results.open(storage, "small").plan()["transfer"][5]
+
+
+def test_a_killed_worker_costs_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    killed: list[int] = []
+
+    def kill_first(pack: Pack, pid: int) -> None:
+        if not killed:
+            killed.append(pid)
+            os.kill(pid, signal.SIGKILL)
+
+    on_start(monkeypatch, kill_first)
+    _, tally = sweep(tmp_path)
+    assert killed
+    assert (tally.ran, tally.failed) == (CELLS, 0)
+    assert_same(tmp_path, finished)
+
+
+def test_a_cell_that_kills_its_workers_fails_alone_and_can_be_tried_again(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bad = victim(finished)
+
+    def kill(pack: Pack, pid: int) -> None:
+        if bad in pack.cells:
+            os.kill(pid, signal.SIGKILL)
+
+    with monkeypatch.context() as patch:
+        on_start(patch, kill)
+        results, tally = sweep(tmp_path)
+    assert (tally.ran, tally.failed) == (CELLS, 1)
+    head = results.heads()[bad.id]
+    assert head.status == "failed"
+    assert str(head.error).startswith(f"its worker was lost {work_queue.LOSSES} times, at last: ")
+    _, tally = sweep(tmp_path)
+    assert tally.ran == 0
+    _, tally = sweep(tmp_path, Settings(retry_failed=True))
+    assert (tally.ran, tally.failed) == (1, 0)
+    assert_same(tmp_path, finished)
+
+
+def test_a_cell_that_hangs_is_ended_at_its_time_limit_and_the_rest_of_its_pack_runs(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bad = victim(finished)
+
+    def stop(pack: Pack, pid: int) -> None:
+        if bad in pack.cells:
+            os.kill(pid, signal.SIGSTOP)
+
+    with monkeypatch.context() as patch:
+        on_start(patch, stop)
+        results, tally = sweep(tmp_path, Settings(time_limit=20))
+    assert (tally.ran, tally.failed) == (CELLS, 1)
+    assert results.heads()[bad.id].error == "it took longer than its time limit of 20 s"
+    _, tally = sweep(tmp_path, Settings(retry_failed=True))
+    assert (tally.ran, tally.failed) == (1, 0)
+    assert_same(tmp_path, finished)
+
+
+def test_a_cell_that_is_too_slow_fails_at_its_time_limit(tmp_path: Path) -> None:
+    slow = {"episodes": [10**6], "evaluate_every": [10**6]}
+    _, tally = sweep(tmp_path, Settings(time_limit=2), agents={"q_learning": {}}, hyperparameters=slow, **EXACT)
+    assert (tally.ran, tally.failed) == (4, 4)
+
+
+EXACT = {
+    "scenarios": [
+        {
+            "source": {"task": "windy_gridworld", "kinds": ["exact"]},
+            "targets": ["windy_gridworld:wind=small", "windy_gridworld:wind=reversed"],
+        }
+    ]
+}
+
+
+def test_a_cell_whose_arrays_do_not_fit_into_memory_fails_with_that_cause(tmp_path: Path) -> None:
+    deep = {"source": {"task": "cartpole", "agent": "dqn"}, "targets": ["cartpole:gravity=5x"]}
+    sizes = {"episodes": [2], "evaluation_episodes": [1], "replay_capacity": [100, 10**13]}
+    results, tally = sweep(
+        tmp_path,
+        scenarios=[deep],
+        seeds=1,
+        agents={"dqn": {"replay_capacity": [10**13]}},
+        hyperparameters={"episodes": [2]},
+    )
+    assert (tally.ran, tally.failed) == (2, 1)
+    assert sizes
+    errors = [str(head.error) for head in results.heads().values() if head.status == "failed"]
+    assert "Memory" in errors[0]
+
+
+def test_a_node_that_is_out_of_memory_is_said_to_be_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RAY_memory_usage_threshold", "0.01")
+    monkeypatch.setenv("RAY_memory_monitor_refresh_ms", "50")
+    slow = {"episodes": [10**6], "evaluate_every": [10**6]}
+    words = ("--no-mlflow", "--workers", "1", "--seeds", "1", "--tasks", "windy_gridworld:wind=small")
+    with driver(tmp_path, *words, agents={"q_learning": {}}, hyperparameters=slow, **EXACT) as process:
+        out, _ = process.communicate(timeout=200)
+    assert process.returncode == 1
+    assert "a worker was lost: its node ran out of memory" in out
+    heads = Results.open(tmp_path, "small").heads()
+    assert [head.status for head in heads.values()] == ["failed"]
