@@ -74,7 +74,7 @@ for node in "${nodes[@]:1}"; do
   start_ray "$node" --address="$address"
 done
 
-# A sweep counts the CPUs when it joins, so wait for every node.
+# Wait for every node: what is checked when a sweep joins, such as who sees STORAGE, is checked on all.
 python - "$address" "${#nodes[@]}" "${JOIN_SECONDS:-300}" <<'PY' &
 import sys, time
 
