@@ -14,7 +14,12 @@ from orchestrator.cli import app
 from search_spaces import built_in
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "deploy/README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    ROOT / "README.md",
+    ROOT / "CHANGELOG.md",
+    ROOT / "deploy/README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 KNOWN = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 TEXTS = {document: document.read_text() for document in DOCUMENTS}
 COMMANDS = {
@@ -64,7 +69,9 @@ def test_the_readme_leads_to_every_document() -> None:
 @pytest.fixture(scope="module")
 def said() -> str:
     """Every piece of text in the packages' code, a line each."""
-    files = [path for package in ("trainables", "search_spaces", "orchestrator") for path in (ROOT / package).rglob("*.py")]
+    files = [
+        path for package in ("trainables", "search_spaces", "orchestrator") for path in (ROOT / package).rglob("*.py")
+    ]
     trees = [ast.parse(path.read_text()) for path in files]
     texts = [node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)]
     return "\n".join(text for text in texts if isinstance(text, str))

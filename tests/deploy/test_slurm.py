@@ -6,10 +6,11 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -31,12 +32,14 @@ STAND_INS = {
 
 
 class Job:
-    """One run of the script in a folder of its own."""
+    """One run of the script with stand-ins in a folder of its own."""
 
-    def __init__(self, folder: Path, *arguments: str, **environment: str) -> None:
+    def __init__(
+        self, folder: Path, *arguments: str, stand_ins: Mapping[str, str] = STAND_INS, **environment: str
+    ) -> None:
         programs = folder / "venv/bin"
-        programs.mkdir(parents=True)
-        for name, body in STAND_INS.items():
+        programs.mkdir(parents=True, exist_ok=True)
+        for name, body in stand_ins.items():
             (programs / name).write_text(f'#!/usr/bin/env bash\necho "{name} $*" >>"$CALLS"\n{body}\n')
             (programs / name).chmod(0o755)
         self._calls = folder / "calls"
@@ -70,9 +73,9 @@ class Job:
         self._process.send_signal(number)
 
     def end(self) -> tuple[int, str]:
-        """Exit code and what it said on stderr."""
-        _, said = self._process.communicate(timeout=60)
-        return self._process.returncode, said.decode()
+        """Exit code and what it said."""
+        said, complained = self._process.communicate(timeout=240)
+        return self._process.returncode, said.decode() + complained.decode()
 
 
 @pytest.fixture
@@ -172,6 +175,45 @@ def test_the_wait_counts_the_nodes_that_live(ray_session: None) -> None:
     short = wait("2", "0.5")
     assert short.returncode == 1
     assert "error: 1 of 2 nodes have joined Ray within 0 s" in short.stderr
+
+
+@pytest.mark.slow
+def test_on_real_ray_a_requeued_job_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    """Two nodes on this machine; only Slurm is a stand-in."""
+    local = {
+        "scontrol": '[[ $1 != show ]] || printf "n1\\nn2\\n"',
+        "srun": 'while [[ $1 == --* ]]; do shift; done\nexec "$@"',
+    }
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    environment = {
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "PYTHONPATH": str(SCRIPT.parents[1]),
+        "HOME": str(tmp_path),
+        "STORAGE": str(tmp_path / "results"),
+        "SLURM_JOB_ID": str(os.getpid()),
+        "SLURM_CPUS_PER_TASK": "1",
+        "HEAD_IP": "127.0.0.1",
+        "RAY_PORT": port,
+    }
+    sweep = ["demo", "--no-mlflow", "--set", "episodes=100000", "--seeds", "1", "--agents", "q_learning"]
+    sweep += ["--checkpoint-every", "0.2"]
+    try:
+        job = Job(tmp_path, *sweep, stand_ins=local, **environment)
+        end = time.monotonic() + 120
+        while not list(tmp_path.glob("results/demo/checkpoints/*.checkpoint")) and time.monotonic() < end:
+            time.sleep(0.1)
+        job.send(signal.SIGUSR1)
+        code, said = job.end()
+        assert (code, "out of time" in said) == (0, True), said
+        assert job.calls()[-1].startswith("scontrol requeue")
+        code, said = Job(tmp_path, *sweep, stand_ins=local, **environment).end()
+        assert (code, "0 failed" in said) == (0, True), said
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", int(port)), timeout=2)
+    finally:
+        shutil.rmtree(f"/tmp/ray-{os.getpid()}", ignore_errors=True)
 
 
 @pytest.mark.skipif(shutil.which("shellcheck") is None, reason="shellcheck is not installed")
