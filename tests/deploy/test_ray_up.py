@@ -56,5 +56,6 @@ def test_every_node_has_the_pinned_packages_and_the_token() -> None:
 def test_nothing_listens_to_the_world_and_no_key_is_in_the_file() -> None:
     assert "--dashboard-host=127.0.0.1" in CONFIG["head_start_ray_commands"][-1]
     assert CELLS["node_config"]["IamInstanceProfile"] == HEAD["node_config"]["IamInstanceProfile"]
+    assert {"*.env", ".git", ".venv", "results"} <= set(CONFIG["rsync_exclude"])
     text = (ROOT / "deploy/cluster.yaml").read_text()
     assert not [word for word in ("AKIA", "aws_secret", "0.0.0.0", "PASSWORD=") if word in text]
