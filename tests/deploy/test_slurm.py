@@ -10,8 +10,9 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -77,10 +78,24 @@ class Job:
         said, complained = self._process.communicate(timeout=240)
         return self._process.returncode, said.decode() + complained.decode()
 
+    def stop(self) -> None:
+        """End it if a test that has failed left it running."""
+        if self._process.poll() is None:
+            self.send(signal.SIGTERM)
+            self.end()
+
 
 @pytest.fixture
-def start(tmp_path: Path) -> Callable[..., Job]:
-    return lambda *arguments, **environment: Job(tmp_path, *arguments, **environment)
+def start(tmp_path: Path) -> Iterator[Callable[..., Job]]:
+    jobs: list[Job] = []
+
+    def started(*arguments: str, **options: Any) -> Job:
+        jobs.append(Job(tmp_path, *arguments, **options))
+        return jobs[-1]
+
+    yield started
+    for job in jobs:
+        job.stop()
 
 
 def test_a_sweep_runs_on_a_head_and_workers_that_have_all_joined(start: Callable[..., Job]) -> None:
@@ -178,7 +193,7 @@ def test_the_wait_counts_the_nodes_that_live(ray_session: None) -> None:
 
 
 @pytest.mark.slow
-def test_on_real_ray_a_requeued_job_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_on_real_ray_a_requeued_job_goes_on_where_it_stopped(start: Callable[..., Job], tmp_path: Path) -> None:
     """Two nodes on this machine; only Slurm is a stand-in."""
     local = {
         "scontrol": '[[ $1 != show ]] || printf "n1\\nn2\\n"',
@@ -200,7 +215,7 @@ def test_on_real_ray_a_requeued_job_goes_on_where_it_stopped(tmp_path: Path) -> 
     sweep = ["demo", "--no-mlflow", "--set", "episodes=100000", "--seeds", "1", "--agents", "q_learning"]
     sweep += ["--checkpoint-every", "0.2"]
     try:
-        job = Job(tmp_path, *sweep, stand_ins=local, **environment)
+        job = start(*sweep, stand_ins=local, **environment)
         end = time.monotonic() + 120
         while not list(tmp_path.glob("results/demo/checkpoints/*.checkpoint")) and time.monotonic() < end:
             time.sleep(0.1)
@@ -208,7 +223,7 @@ def test_on_real_ray_a_requeued_job_goes_on_where_it_stopped(tmp_path: Path) -> 
         code, said = job.end()
         assert (code, "out of time" in said) == (0, True), said
         assert job.calls()[-1].startswith("scontrol requeue")
-        code, said = Job(tmp_path, *sweep, stand_ins=local, **environment).end()
+        code, said = start(*sweep, stand_ins=local, **environment).end()
         assert (code, "0 failed" in said) == (0, True), said
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.1", int(port)), timeout=2)
