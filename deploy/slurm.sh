@@ -25,11 +25,18 @@ set -euo pipefail
 export PATH="${VENV:-$SLURM_SUBMIT_DIR/.venv}/bin:$PATH"
 command -v deltatune >/dev/null || { echo "error: no deltatune in VENV, nor on PATH" >&2; exit 2; }
 
-steps=() sweep="" out_of_time="" signalled=""
+sweep="" out_of_time="" signalled=""
 
-finish() { # leave no Ray behind
-  ((${#steps[@]} == 0)) || kill "${steps[@]}" 2>/dev/null || true
-  wait || true
+finish() { # leave no Ray behind; what was too young to hear the first signal is told again
+  local try pids
+  trap '' USR1 TERM
+  for ((try = 0; try < 300; try++)); do
+    pids=$(jobs -pr)
+    [[ -n $pids ]] || return 0
+    ((try % 50)) || xargs kill <<<"$pids" 2>/dev/null || true
+    sleep .2
+  done
+  xargs kill -KILL <<<"$pids" 2>/dev/null || true
 }
 requeue() {
   echo "out of time: the job queues again, and goes on from here"
@@ -64,7 +71,6 @@ step=(srun --nodes=1 --ntasks=1 --cpus-per-task="$SLURM_CPUS_PER_TASK" --overlap
 start_ray() { # NODE OPTIONS...
   "${step[@]}" --nodelist="$1" ray start --block --num-cpus="$SLURM_CPUS_PER_TASK" \
     --temp-dir="/tmp/ray-$SLURM_JOB_ID" --disable-usage-stats "${@:2}" &
-  steps+=($!)
 }
 
 head_ip=${HEAD_IP:-$("${step[@]}" --nodelist="${nodes[0]}" hostname -I)}
@@ -93,7 +99,6 @@ while there < nodes:
         ray.shutdown()
     time.sleep(1)
 PY
-steps+=($!)
 wait $!
 
 deltatune sweep "$@" --address "$address" --storage "$STORAGE" &
