@@ -27,8 +27,10 @@ command -v deltatune >/dev/null || { echo "error: no deltatune in VENV, nor on P
 
 sweep="" out_of_time="" signalled=""
 
-finish() { # leave no Ray behind; what was too young to hear the first signal is told again
+main() { [[ $BASHPID == "$$" ]]; } # a child that is told before it is a program runs the traps too: it just ends
+finish() { # leave no Ray behind
   local try pids
+  main || return 0
   trap '' USR1 TERM
   for ((try = 0; try < 300; try++)); do
     pids=$(jobs -pr)
@@ -48,11 +50,13 @@ stop() { # the sweep in order: finished cells are kept, running ones go on from 
   kill -TERM "$sweep" 2>/dev/null || true
 }
 out_of_time() { # what --signal sends
+  main || exit 143
   out_of_time=yes
   [[ -n $sweep ]] || requeue
   stop
 }
 cancelled() { # what scancel sends: never queue again
+  main || exit 143
   [[ -n $sweep ]] || exit 143
   stop
 }
