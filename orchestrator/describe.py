@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from orchestrator.aggregates import Group
+from orchestrator.given import options
 from orchestrator.results import Results
 from orchestrator.statistics import LEVEL, Estimate, TransferRatio
 from trainables.agents import agent_named
@@ -119,9 +120,10 @@ def markdown(results: Results, groups: Sequence[Group]) -> str:
     lines += ["|" + "|".join(cell.replace("|", "/") for cell in row(group)) + "|" for group in groups]
     lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
     lines += [
-        f"Again: `deltatune sweep SPACE.yaml --name {results.name}`, with the search space below as SPACE.yaml.",
+        f"Again: `deltatune sweep SPACE.yaml --name {results.name}{options(results)}`, with the search space below as "
+        "SPACE.yaml.",
         "",
     ]
-    lines += ["Leaderboard: filter the runs by `tags.kind = 'aggregate'` and sort by `auc`.", ""]
+    lines += ["Leaderboard: *Views* above the runs table, or its filter `tags.kind = 'aggregate'` sorted by `auc`.", ""]
     lines += ["```yaml", yaml.safe_dump(space.to_json(), sort_keys=False, width=110).rstrip(), "```"]
     return "\n".join(lines)

@@ -45,6 +45,11 @@ class Pair:
         kinds = {source.kind for source in self.sources.values()}
         return self.task, self.agent, kinds.pop() if kinds else "none"
 
+    @property
+    def swept(self) -> set[str]:
+        """The hyperparameters that are tried or settled here."""
+        return {*self.ranges, *(name for values in self.grid for name in values)}
+
     def owns(self, cell: Cell) -> bool:
         """Whether the cell is one of this pair: its task, agent, seeds and sources."""
         return key_of(cell) == self.key and cell.seed in self.seeds and cell.source == self.sources.get(cell.seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from orchestrator.given import Runs
 from orchestrator.plan import Params
 
 
@@ -24,7 +25,7 @@ class Resources:
 
 @dataclass(frozen=True)
 class Settings:
-    """How a sweep runs; nothing here decides a result but `params`, which settles hyperparameters."""
+    """How a sweep runs; nothing here decides a result but `params`, which settles hyperparameters, and `given`."""
 
     workers: int | None = None
     """Cells at a time; None: as many as there are CPUs for."""
@@ -37,6 +38,8 @@ class Settings:
     """Seconds that a cell may take; what takes longer fails."""
     resources: Resources = Resources()
     params: Params = field(default_factory=dict)
+    given: Runs = field(default_factory=dict)
+    """Sources that are not trained here."""
 
 
 @dataclass

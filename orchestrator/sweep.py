@@ -10,6 +10,7 @@ from typing import Any
 
 from rich.console import Console
 
+from orchestrator import given
 from orchestrator.aggregates import groups
 from orchestrator.errors import InterruptedSweepError, SweepError
 from orchestrator.ledger import Ledger
@@ -54,15 +55,22 @@ class _Sweep:
     """The two stages of one run."""
 
     def __init__(self, results: Results, settings: Settings, ledger: Ledger, tally: Tally, stages: Stages) -> None:
-        self._space, self._params = results.space(), settings.params
+        self._space, self._params, self._given = results.space(), settings.params, settings.given
         self._ledger, self._tally, self._stages = ledger, tally, stages
 
     def train_sources(self) -> list[SourceChoice]:
         """Stage 1: the outcome of each scenario's source."""
         pairs = source_pairs(self._space, self._params)
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
-        self._run(SOURCE, [pair for pair in pairs if pair is not None], keep)
-        return [SourceChoice({}, {}) if pair is None else self._choose(pair) for pair in pairs]
+        self._run(SOURCE, [pair for pair in pairs if pair is not None and pair.task not in self._given], keep)
+        return [
+            SourceChoice({}, {})
+            if pair is None
+            else given.choice(pair, self._given[pair.task])
+            if pair.task in self._given
+            else self._choose(pair)
+            for pair in pairs
+        ]
 
     def transfer(self, choices: Sequence[SourceChoice]) -> None:
         """Stage 2."""
@@ -76,8 +84,7 @@ class _Sweep:
             errors = table["error"].dropna()
             why = f"; the first error: {errors.iloc[0]}" if len(errors) else ""
             raise SweepError(f"no configuration of {pair.agent} on the source task {pair.task} has all its seeds{why}")
-        swept = {*pair.ranges, *(name for values in pair.grid for name in values)}
-        best = {name: value for name, value in selected.best.hyperparameters.items() if name in swept}
+        best = {name: value for name, value in selected.best.hyperparameters.items() if name in pair.swept}
         chosen = [cell for cell in cells if cell.group == selected.best.id]
         return SourceChoice(best, {cell.seed: self._ledger.source_run(cell) for cell in chosen})
 

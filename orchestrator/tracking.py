@@ -31,6 +31,8 @@ from orchestrator.errors import SweepError
 from orchestrator.record import Head, Record
 from orchestrator.results import Results, cell_row
 from orchestrator.run_fields import CELL_METRICS, cell_tags, group_figures, thinned
+from orchestrator.store import shown
+from orchestrator.views import VIEWS
 from trainables.cell import content_id
 
 logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database tables amid the display
@@ -187,12 +189,19 @@ class Mirror:
         family = f"deltatune/{space['family'] or space['name']}"
         found = self._client.get_experiment_by_name(family)
         if found is not None:
+            self._offer_views(str(found.experiment_id), found.tags)
             return str(found.experiment_id)
         location = None
         if uri.startswith("sqlite:"):
             _write_ahead(uri)
             location = (self._results.storage / "mlartifacts" / content_id(family)).as_uri()
-        return str(self._client.create_experiment(family, location, _EXPERIMENT_TAGS))
+        return str(self._client.create_experiment(family, location, _EXPERIMENT_TAGS | dict(v.tag() for v in VIEWS)))
+
+    def _offer_views(self, experiment: str, tags: Mapping[str, str]) -> None:
+        """Bring an older experiment's saved views up to this version's."""
+        for key, value in (view.tag() for view in VIEWS):
+            if tags.get(key) != value:
+                self._client.set_experiment_tag(experiment, key, value)
 
     def _runs(self) -> Iterable[Run]:
         token: str | None = None
@@ -232,12 +241,12 @@ def sync(results: Results, uri: str, artifacts: Iterable[Path], mirror: Mirror |
     return mirror.parent
 
 
-def sync_now(results: Results, uri: str, artifacts: Iterable[Path]) -> None:
+def sync_now(results: Results, uri: str, artifacts: Iterable[Path]) -> str:
     """`sync` for a person who waits for it; SweepError where the store does not answer."""
     try:
-        sync(results, uri, artifacts)
+        return sync(results, uri, artifacts)
     except (MlflowException, OSError) as error:
-        raise SweepError(f"MLflow at {uri} cannot be written to: {str(error).splitlines()[0]}") from None
+        raise SweepError(f"MLflow at {shown(uri)} cannot be written to: {str(error).splitlines()[0]}") from None
 
 
 def _write_ahead(uri: str) -> None:

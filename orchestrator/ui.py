@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -12,14 +13,17 @@ from rich.console import Console
 def serve(uri: str, host: str, port: int, console: Console) -> int:
     """Serve the MLflow UI of the store `uri` until it is stopped; its exit code.
 
-    One worker and no job runner: a third of the memory and half of the start of MLflow's defaults.
+    One worker and no job runner: a third of the memory and half of the start of MLflow's defaults. A database's
+    address, which may hold a password, goes by the environment: a command line is for all to see.
     """
     if uri.startswith(("http://", "https://")):
-        console.print(f"The tracking server has its own UI: {uri}")
+        console.print(f"The tracking server has its own UI: {uri}", soft_wrap=True)
         return 0
-    environment = os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
-    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", uri, "--workers", "1"]
-    console.print(f"MLflow UI: http://{host}:{port} (it takes a few seconds; Ctrl-C stops it)")
+    environment = os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_BACKEND_STORE_URI": uri}
+    command = [sys.executable, "-m", "mlflow", "server", "--workers", "1"]
+    page = f"http://{host}:{port}/#/experiments?workflowType=machine_learning"
+    console.print(f"MLflow UI: {page} (it takes a few seconds; Ctrl-C stops it)", soft_wrap=True)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # or the server would live on without us
     with subprocess.Popen([*command, "--host", host, "--port", str(port)], env=environment) as server:
         try:
             return server.wait()

@@ -14,6 +14,7 @@ from orchestrator.present import group_table
 from orchestrator.publish import Published, artifacts, publish
 from orchestrator.results import Results
 from orchestrator.settings import Tally
+from orchestrator.store import shown
 from orchestrator.tracker import Tracker
 
 
@@ -23,13 +24,14 @@ def report(results: Results, tally: Tally, tracker: Tracker | None, as_json: boo
     console = err if as_json else out
     with console.status("tables, figures and MLflow"):
         published = publish(results)
-        if tracker:
-            tracker.finish(artifacts(results))
+        sources = _register(results, tracker, tracker.finish(artifacts(results))) if tracker else []
     after = time.monotonic() - started
     if as_json:
-        print_json(_summary(results, tally, published, tracker, after))
+        print_json(_summary(results, tally, published, tracker, after) | {"sources": sources})
     else:
         _print_report(results, tally, published, tracker, after)
+        for source in sources:
+            out.print(f"Source:   {source}", soft_wrap=True)
     if tally.failed:
         raise typer.Exit(1)
 
@@ -47,6 +49,19 @@ def interrupted(results: Results, tally: Tally, tracker: Tracker | None, as_json
     raise typer.Exit(130)
 
 
+def _register(results: Results, tracker: Tracker, parent: str | None) -> list[str]:
+    """Put the sources into MLflow's registry. A failure is the tracker's error, never the sweep's."""
+    if parent is None:
+        return []
+    from orchestrator.registry import register
+
+    try:
+        return register(results, tracker.uri, parent)
+    except Exception as error:
+        tracker.error = error
+        return []
+
+
 def _summary(
     results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float
 ) -> dict[str, Any]:
@@ -55,8 +70,12 @@ def _summary(
         "tally": asdict(tally) | {"publishing_seconds": after},
         "best": best(results),
         "figures": [str(path) for path in published.figures],
-        "mlflow": {"uri": tracker.uri, "error": str(tracker.error) if tracker.error else None} if tracker else None,
+        "mlflow": _mlflow(tracker) if tracker else None,
     }
+
+
+def _mlflow(tracker: Tracker) -> dict[str, Any]:
+    return {"uri": shown(tracker.uri), "error": str(tracker.error) if tracker.error else None}
 
 
 def _print_report(results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float) -> None:

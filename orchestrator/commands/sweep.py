@@ -24,6 +24,10 @@ def sweep(
         list[str] | None, typer.Option("--set", help="HYPERPARAMETER=VALUE for every agent that has it.")
     ] = None,
     params: Annotated[Path | None, typer.Option(help="Best hyperparameters from 'deltatune export'.")] = None,
+    source: Annotated[
+        list[str] | None,
+        typer.Option(help="Use this source, train none: models:/NAME@best, models:/NAME/3 or a file; repeat for more."),
+    ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Cells at a time; default: one per CPU.")] = None,
     address: Annotated[str | None, typer.Option(help="Join this Ray cluster: HOST:PORT or 'auto'.")] = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cells again.")] = False,
@@ -45,6 +49,7 @@ def sweep(
     from orchestrator.environment import prepare
 
     prepare(joins_cluster=address is not None)
+    from orchestrator import given
     from orchestrator.commands.report import interrupted, report
     from orchestrator.export import read_params
     from orchestrator.results import Results
@@ -57,6 +62,7 @@ def sweep(
     chosen = narrow(
         load(space), tasks=task or (), agents=agent or (), seeds=seeds, hyperparameters=_settings(settings or [])
     )
+    sources = given.read(source, chosen, store_uri(storage, tracking_uri)) if source else []
     how = Settings(
         workers=workers,
         address=address,
@@ -65,6 +71,7 @@ def sweep(
         time_limit=time_limit,
         resources=Resources(cpus_per_cell, gpus_per_cell, memory_per_cell),
         params=read_params(params) if params else {},
+        given=given.runs(sources, chosen.seeds),
     )
     uri = store_uri(storage, tracking_uri) if mlflow else None
     if address:
@@ -72,6 +79,7 @@ def sweep(
 
         check_address(address)
     results = Results.create(storage, name or chosen.name, chosen)
+    given.keep(sources, results)
     tracker = Tracker(results, uri) if uri else None
     tally = run(results, how, err if as_json else out, tracker.record if tracker else lambda stage, record: None)
     if tally.left:

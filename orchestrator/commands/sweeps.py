@@ -72,7 +72,7 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
     from orchestrator.environment import prepare
 
     prepare()
-    from orchestrator import tracking
+    from orchestrator import registry, tracking
     from orchestrator.publish import artifacts, publish
     from orchestrator.results import Results
     from orchestrator.store import tracking_uri as store_uri
@@ -80,7 +80,9 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
     results = Results.open(storage, name)
     uri = store_uri(results.storage, tracking_uri)
     publish(results)
-    tracking.sync_now(results, uri, artifacts(results))
+    parent = tracking.sync_now(results, uri, artifacts(results))
+    for source in registry.register_now(results, uri, parent):
+        out.print(f"Source:   {source}", soft_wrap=True)
     out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
 
 

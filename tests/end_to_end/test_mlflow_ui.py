@@ -1,0 +1,163 @@
+"""MLflow's own pages on a small sweep, opened in a browser."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mlflow.tracking import MlflowClient
+
+from orchestrator import registry, tracking
+from orchestrator.publish import artifacts, publish
+from orchestrator.results import Results
+from orchestrator.store import tracking_uri
+from orchestrator.views import VIEWS, View
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium to open the pages with")
+
+OWN_NOISE = "/ajax-api/2.0/mlflow/users/current"
+"""MLflow's UI asks who is logged in; a server without accounts answers 404, which the browser calls an error."""
+
+PATIENCE = 120_000
+"""Milliseconds for a page to come up on a busy machine."""
+
+
+@pytest.fixture(scope="module")
+def sweep(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """A sweep in MLflow with its sources registered."""
+    storage = tmp_path_factory.mktemp("shown") / "storage"
+    shutil.copytree(finished, storage)
+    results = Results.open(storage, "small")
+    publish(results)
+    uri = tracking_uri(storage, None)
+    registry.register_now(results, uri, tracking.sync_now(results, uri, artifacts(results)))
+    return results
+
+
+@pytest.fixture(scope="module")
+def server(sweep: Results) -> Iterator[str]:
+    """`deltatune ui` on the sweep; its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "orchestrator.cli", "ui", "--storage", str(sweep.storage), "--port", str(port)]
+    address = f"http://127.0.0.1:{port}"
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            _wait(f"{address}/health", process)
+            yield address
+        finally:
+            process.terminate()
+            process.wait()
+    time.sleep(1)
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(f"{address}/health", timeout=5)
+
+
+def _wait(address: str, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + PATIENCE / 1000
+    while time.monotonic() < deadline:
+        assert process.poll() is None
+        try:
+            urllib.request.urlopen(address, timeout=5).close()
+            return
+        except OSError:
+            time.sleep(0.2)
+    raise TimeoutError(address)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+class Page:
+    """A page of the UI that remembers what the browser complained of."""
+
+    def __init__(self, browser: Any, server: str) -> None:
+        self.page = browser.new_page(viewport={"width": 1600, "height": 900})
+        self.page.set_default_timeout(PATIENCE)
+        self._server = server
+        self.errors: list[str] = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", self._note)
+
+    def _note(self, message: Any) -> None:
+        if message.type == "error" and OWN_NOISE not in message.location.get("url", ""):
+            self.errors.append(f"{message.text} {message.location}")
+
+    def open(self, path: str, text: str) -> str:
+        """All text of the page once `text` is on it."""
+        self.page.goto(f"{self._server}/#/{path}")
+        self.page.get_by_text(text).first.wait_for()
+        shown: str = self.page.inner_text("body")
+        return shown
+
+
+@pytest.fixture
+def page(browser: Any, server: str) -> Iterator[Page]:
+    page = Page(browser, server)
+    yield page
+    page.page.close()
+    assert page.errors == []
+
+
+@pytest.fixture(scope="module")
+def experiment(sweep: Results) -> str:
+    found = MlflowClient(tracking_uri(sweep.storage, None)).get_experiment_by_name("deltatune/tests")
+    assert found is not None
+    return str(found.experiment_id)
+
+
+@pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.key)
+def test_each_view_opens_with_its_filter_and_columns(page: Page, sweep: Results, experiment: str, view: View) -> None:
+    runs = MlflowClient(tracking_uri(sweep.storage, None)).search_runs([experiment], view.condition)
+    link = f"experiments/{experiment}/runs?workflowType=machine_learning&viewStateShareKey={view.key}"
+    text = page.open(link, f"{len(runs)} matching runs" if runs else view.name)
+    field = page.page.get_by_placeholder("metrics.rmse").first
+    playwright.expect(field).to_have_value(view.condition, timeout=PATIENCE)
+    assert view.name in text
+    for name in view.tags[:3] if runs else ():
+        page.page.locator(f"[role=columnheader][col-id='tags.`{name}`']").wait_for()
+    assert bool(runs) == (view.key != "deltatune-negative-transfer")
+
+
+def test_the_leaderboard_has_the_best_auc_on_top(page: Page, sweep: Results, experiment: str) -> None:
+    page.open(f"experiments/{experiment}/runs?viewStateShareKey={VIEWS[0].key}", "matching runs")
+    cells = page.page.locator("[role=row] [col-id='metrics.`auc`']")
+    cells.nth(3).wait_for()
+    shown = [float(text.rstrip("…")) for text in cells.all_inner_texts() if text.strip().lstrip("-")[:1].isdigit()]
+    assert len(shown) > 3
+    assert shown == sorted(shown, reverse=True)
+
+
+def test_a_sweeps_page_says_what_was_asked_and_holds_the_figures(page: Page, sweep: Results, experiment: str) -> None:
+    client = MlflowClient(tracking_uri(sweep.storage, None))
+    run = client.search_runs([experiment], "tags.kind = 'sweep'")[0].info.run_id
+    text = page.open(f"experiments/{experiment}/runs/{run}", "Description")
+    assert sweep.name in text
+    text = page.open(f"experiments/{experiment}/runs/{run}/artifacts", "best.yaml")
+    assert {"table.csv", "cells.parquet", "points.parquet", "figures"} <= set(text.split())
+    page.page.get_by_text("table.csv").click()
+    page.page.get_by_text("policy_reuse").first.wait_for()
+
+
+def test_the_registry_shows_the_source_and_its_alias(page: Page) -> None:
+    text = page.open("models/deltatune-windy_gridworld", "Version 2")
+    assert "Source knowledge of the task windy_gridworld" in text
+    assert "best" in text
+    text = page.open("models/deltatune-windy_gridworld/versions/1", "Source Run")
+    assert "q_learning / windy_gridworld / seed" in text
