@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import threading
@@ -51,8 +52,8 @@ class Interrupt:
     def _ask(self) -> None:
         """Tell the workers, and give them some time."""
         if self._file is not None:
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            self._file.touch()
+            with contextlib.suppress(OSError):
+                self._file.write_bytes(b"")
         time.sleep(GRACE_SECONDS)
         self.now()
 

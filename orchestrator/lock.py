@@ -100,7 +100,20 @@ def _me() -> dict[str, Any]:
 
 
 def _alive(who: dict[str, Any]) -> bool:
+    """Whether the holder of a lease has shown a sign of life; a process of this machine is looked up."""
+    if who.get("host") == os.uname().nodename and not _runs(int(who.get("pid", 0))):
+        return False
     return time.time() - float(who.get("alive", 0)) < LEASE_SECONDS
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def _taken(folder: Path, who: dict[str, Any] | None) -> InputError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 import traceback
 from collections.abc import Callable
@@ -71,15 +72,13 @@ class CellRun:
         return point
 
     def save(self) -> None:
-        """Save a checkpoint; a disk that is full costs the checkpoint, not the cell."""
+        """Save a checkpoint; a disk that is full, or a storage that is away, costs the checkpoint, not the cell."""
         if self._path is None or self._training is None or not self._points:
             return
-        try:
-            checkpoint.save(self._path, {"training": self._training.state(), "points": self.points()})
-        except OSError:
-            return
-        finally:
-            self._saved = time.perf_counter()
+        state = {"training": self._training.state(), "points": self.points()}
+        with contextlib.suppress(Exception):
+            checkpoint.save(self._path, state)
+        self._saved = time.perf_counter()
 
     def points(self, start: int = 0) -> dict[str, Any]:
         """The evaluation curve so far, from evaluation `start` on, as columns."""

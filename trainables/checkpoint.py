@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from trainables.atomic import write_atomic
+from trainables.storage import is_local
 
 MAGIC = b"deltatune checkpoint 1\n"
 
@@ -32,7 +33,8 @@ def save(path: Path, state: Mapping[str, Any]) -> None:
     np.savez(buffer, allow_pickle=False, **{f"a{number}": array for number, array in enumerate(arrays.values())})
     text = tree.encode()
     payload = len(text).to_bytes(8, "big") + text + buffer.getvalue()
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if is_local(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     write_atomic(path, MAGIC + hashlib.sha256(payload).digest() + payload)
 
 

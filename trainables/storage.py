@@ -25,7 +25,7 @@ def storage_path(text: str) -> Path:
         raise InputError(f"the storage {text} needs a package: {error}") from None
     except ValueError:
         raise InputError(f"a storage is a folder or a URL that fsspec knows (got the protocol '{protocol}')") from None
-    except OSError as error:
+    except Exception as error:  # each protocol's package has errors of its own
         raise InputError(f"the storage {text} does not answer: {error}") from None
     return cast(Path, path)
 

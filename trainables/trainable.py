@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import time
@@ -172,7 +173,8 @@ class StopFile:
         """Whether to stop."""
         if self._path is not None and not self._there and time.monotonic() - self._looked >= OUTCOME_SECONDS:
             self._looked = time.monotonic()
-            self._there = self._path.exists()
+            with contextlib.suppress(Exception):  # a storage that is away is no reason to stop
+                self._there = self._path.exists()
         return self._there
 
 

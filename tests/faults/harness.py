@@ -64,11 +64,13 @@ def on_start(monkeypatch: pytest.MonkeyPatch, harm: Callable[[Pack, int], None])
 
 
 @contextlib.contextmanager
-def driver(folder: Path, *words: str, **changes: Any) -> Iterator[subprocess.Popen[str]]:
+def driver(
+    folder: Path, *words: str, python: tuple[str, ...] = ("-m", "orchestrator.cli"), **changes: Any
+) -> Iterator[subprocess.Popen[str]]:
     """`deltatune sweep` in a process of its own, with its storage in `folder`."""
     path = folder / "space.yaml"
     path.write_text(yaml.safe_dump(space(**changes)))
-    command = [sys.executable, "-m", "orchestrator.cli", "sweep", str(path), "--storage", str(folder), *words]
+    command = [sys.executable, *python, "sweep", str(path), "--storage", str(folder), *words]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )

@@ -1,0 +1,117 @@
+"""What a sweep costs beyond its cells: `python -m benchmarks.scaling [--cells N ...] [--json]`.
+
+Two measurements, each in a process of its own, on as many workers as there are CPUs:
+  overhead   1,000 cells of about 50 ms: the share of the wall time that is their work
+  no-op      N cells that do nothing: planning, running, tables, MLflow and status, and the driver's memory
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+SEEDS = 10
+
+WORK_EPISODES = 1250
+"""Episodes of q_learning that take about 50 ms with their evaluations."""
+
+
+def space(cells: int, episodes: int) -> dict[str, Any]:
+    """`cells` cells of Q-learning in groups of SEEDS."""
+    rates = [round(0.05 + 0.9 * number / cells, 9) for number in range(max(1, cells // SEEDS))]
+    return {
+        "schema": 1,
+        "name": "scaling",
+        "seeds": SEEDS,
+        "scenarios": [
+            {"source": {"task": "windy_gridworld", "kinds": ["exact"]}, "targets": ["windy_gridworld:wind=reversed"]}
+        ],
+        "agents": {"q_learning": {"learning_rate": rates}},
+        "hyperparameters": {"episodes": [episodes], "evaluate_every": [max(1, episodes // 4)]},
+    }
+
+
+def measure(cells: int, episodes: int) -> dict[str, float]:
+    """Run a sweep in this process: seconds of each part, and the peak memory of this process in MiB."""
+    from orchestrator.environment import prepare
+
+    prepare()
+    from rich.console import Console
+
+    from orchestrator import tracking
+    from orchestrator.cluster import connected
+    from orchestrator.publish import publish
+    from orchestrator.results import Results
+    from orchestrator.settings import Resources, Settings
+    from orchestrator.status import sweep_status
+    from orchestrator.sweep import run
+    from search_spaces import parse
+
+    seconds: dict[str, float] = {}
+
+    def timed(name: str, work: Callable[[], Any]) -> Any:
+        started = time.perf_counter()
+        result = work()
+        seconds[name] = time.perf_counter() - started
+        return result
+
+    with tempfile.TemporaryDirectory(prefix="deltatune-scaling-") as folder:
+        wanted = timed("read", lambda: parse("scaling", space(cells, episodes)))
+        results = Results.create(Path(folder), "scaling", wanted)
+        with connected(None, None, Resources()):
+            warm = Results.create(Path(folder), "warm", parse("scaling", space(10, 1)))
+            run(warm, Settings(), Console(quiet=True))  # workers' processes and imports are not a cell's cost
+            tally = timed("run", lambda: run(results, Settings(), Console(quiet=True)))
+        assert (tally.ran, tally.failed) == (cells, 0)
+        timed("tables", results.write_tables)
+        timed("publish", lambda: publish(results))
+        timed("mlflow", lambda: tracking.sync(results, f"sqlite:///{folder}/mlflow.db", []))
+        timed("status", lambda: sweep_status(Results.open(Path(folder), "scaling")))
+        timed("again", lambda: run(Results.open(Path(folder), "scaling"), Settings(), Console(quiet=True)))
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"cells": cells, "workers": tally.workers, "work": tally.training_seconds, **seconds, "driver_mib": memory}
+
+
+def in_a_process(cells: int, episodes: int) -> dict[str, float]:
+    """`measure` in a fresh process."""
+    command = [sys.executable, "-m", "benchmarks.scaling", "--measure", str(cells), str(episodes)]
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    found: dict[str, float] = json.loads(output.splitlines()[-1])
+    return found
+
+
+def main() -> None:
+    """Measure, and print a table or JSON."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--cells", type=int, nargs="*", default=[1000, 3000, 10000], help="sizes of the no-op sweeps")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--measure", type=int, nargs=2, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.measure:
+        print(json.dumps(measure(*asked.measure)))
+        return
+    work = in_a_process(1000, WORK_EPISODES)
+    work["efficiency"] = work["work"] / work["workers"] / work["run"]
+    nothing = [in_a_process(cells, 1) for cells in asked.cells]
+    if asked.json:
+        print(json.dumps({"overhead": work, "no-op": nothing, "load": os.getloadavg()[0]}, indent=1))
+        return
+    print(f"1,000 cells of {work['work']:.0f} ms: {work['run']:.1f} s on {work['workers']:.0f} workers,")
+    print(f"  {work['efficiency']:.0%} of it their work")
+    names = ("read", "run", "tables", "publish", "mlflow", "status", "again", "driver_mib")
+    print("cells   " + "".join(f"{name:>12}" for name in names))
+    for row in nothing:
+        print(f"{row['cells']:<8.0f}" + "".join(f"{row[name]:>12.1f}" for name in names))
+
+
+if __name__ == "__main__":
+    main()

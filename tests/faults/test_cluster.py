@@ -1,0 +1,156 @@
+"""A Ray cluster of three nodes on this machine: joined, sent a job, and robbed of a node and of its head."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import LONGER
+from harness import PATIENCE, assert_same, driver, ended, space, sweep, wait_for
+
+from orchestrator import jobs
+from orchestrator.lock import driver as driver_of
+from orchestrator.results import Results
+
+pytest.importorskip("ray.dashboard.optional_deps", reason="needs ray[default]")
+pytest.importorskip("aiohttp_cors", reason="needs ray[default]")
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Cluster:
+    """A head without CPUs and two nodes with one each, all by `ray start` on loopback."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.port, self.dashboard = free_port(), free_port()
+        self.address, self.jobs = f"127.0.0.1:{self.port}", f"http://127.0.0.1:{self.dashboard}"
+        options = ["--head", "--port", str(self.port), "--num-cpus", "0", "--include-dashboard", "true"]
+        options += ["--dashboard-host", "127.0.0.1", "--dashboard-port", str(self.dashboard)]
+        self.head = self._start(*options, "--temp-dir", str(folder))
+        wait_for(lambda: self._listens(self.dashboard) and self._listens(self.port))
+        self.nodes = [self.add_node() for _ in range(2)]
+
+    def add_node(self) -> subprocess.Popen[bytes]:
+        return self._start("--address", self.address, "--num-cpus", "1")
+
+    def remove(self, node: subprocess.Popen[bytes]) -> None:
+        """As if the machine were switched off."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(node.pid, signal.SIGKILL)
+        node.wait()
+
+    def close(self) -> None:
+        for node in (*self.nodes, self.head):
+            self.remove(node)
+
+    def _start(self, *options: str) -> subprocess.Popen[bytes]:
+        ray = Path(sys.executable).parent / "ray"
+        log = (self._folder.parent / f"{time.monotonic_ns()}.log").open("wb")
+        return subprocess.Popen(
+            [ray, "start", "--block", "--node-ip-address", "127.0.0.1", "--disable-usage-stats", *options],
+            stdout=log,
+            stderr=log,
+            env=os.environ | {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"},
+            start_new_session=True,
+        )
+
+    def _listens(self, port: int) -> bool:
+        with contextlib.suppress(OSError):
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+            return True
+        return False
+
+
+@pytest.fixture
+def cluster() -> Iterator[Cluster]:
+    import tempfile
+
+    with tempfile.TemporaryDirectory(prefix="dt-", dir="/tmp", ignore_cleanup_errors=True) as folder:
+        there = Cluster(Path(folder) / "ray")
+        try:
+            yield there
+        finally:
+            there.close()
+
+
+def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
+    calm: Path, tmp_path: Path, cluster: Cluster
+) -> None:
+    words = ("--no-mlflow", "--address", cluster.address)
+    with driver(tmp_path, *words, **LONGER) as process:
+        wait_for(ended(tmp_path, 5), process)
+        cluster.remove(cluster.nodes.pop())
+        out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, err
+    assert "a worker was lost: " in out
+    assert_same(tmp_path, calm)
+
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    code = "from orchestrator import cluster; cluster.HEAD_PATIENCE = 3.0; from orchestrator.cli import main; main()"
+    with driver(gone, *words, python=("-c", code), **LONGER) as process:
+        wait_for(ended(gone, 3), process)
+        cluster.remove(cluster.head)
+        _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert f"the head of the Ray cluster at {cluster.address} is gone; ended cells are kept" in err
+    there = len(Results.open(gone, "small").heads())
+    _, tally = sweep(gone, **LONGER)
+    assert tally.reused == there >= 3
+    assert_same(gone, calm)
+
+
+def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
+    import yaml
+
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(**LONGER)))
+    words = ["submit", str(tmp_path / "space.yaml"), "--address", cluster.jobs, "--storage", str(tmp_path)]
+    command = [sys.executable, "-m", "orchestrator.cli", *words, "--no-mlflow"]
+    shell = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, start_new_session=True)
+    assert shell.returncode == 0, shell.stderr
+    assert "runs the sweep small" in shell.stdout
+    wait_for(ended(tmp_path, 5))
+    assert "process " in str(driver_of(tmp_path / "small"))
+    cluster.remove(cluster.nodes.pop())
+    watch = [sys.executable, "-m", "orchestrator.cli", "watch", "small", "--storage", str(tmp_path)]
+    said = subprocess.run(watch, capture_output=True, text=True, timeout=PATIENCE)
+    assert said.returncode == 0, said.stderr
+    assert said.stdout.strip().endswith("small: 32 cells done, 0 failed")
+    assert_same(tmp_path, calm)
+    log = subprocess.run([*watch[:3], "logs", *watch[4:]], capture_output=True, text=True, timeout=PATIENCE).stdout
+    assert "transfer: 28 cells to run" in log
+    assert "a worker was lost: " in log
+
+
+def test_a_storage_that_other_nodes_do_not_see_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Head:
+        """Says what a cluster with a blind node says."""
+
+        def submit_job(self, **options: object) -> str:
+            return "job"
+
+        def get_job_status(self, job: str) -> object:
+            from ray.job_submission import JobStatus
+
+            return JobStatus.SUCCEEDED
+
+        def get_job_logs(self, job: str) -> str:
+            return 'noise\ndeltatune-storage {"blind": ["node-2"]}\n'
+
+    from trainables.errors import InputError
+
+    with pytest.raises(InputError, match=r"/data is not one folder for all nodes \(node-2 cannot see"):
+        jobs.check_storage(Head(), "/data")

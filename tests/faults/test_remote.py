@@ -1,0 +1,99 @@
+"""A storage that is no disk: an S3 on loopback. The same results, the same locks, the same resumption."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from conftest import DEEP, timeless
+from harness import PATIENCE, points, space, wait_for
+
+from orchestrator import lock
+from orchestrator.results import Results
+from orchestrator.store import tracking_uri
+from trainables.errors import InputError
+from trainables.storage import storage_path
+
+moto_server = pytest.importorskip("moto.server")
+pytest.importorskip("s3fs")
+
+KEYS = {"AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_DEFAULT_REGION": "us-east-1"}
+
+
+@pytest.fixture(scope="module")
+def bucket() -> Iterator[str]:
+    """The URL of an empty bucket."""
+    server = moto_server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (KEYS | {"AWS_ENDPOINT_URL": f"http://{host}:{port}"}).items():
+            patch.setenv(name, value)
+        import s3fs
+
+        s3fs.S3FileSystem().mkdir("bucket")
+        yield "s3://bucket/storage"
+    server.stop()
+
+
+def command(folder: Path, storage: str) -> list[str]:
+    (folder / "space.yaml").write_text(yaml.safe_dump(space(**DEEP)))
+    words = ["sweep", str(folder / "space.yaml"), "--storage", storage, "--no-mlflow", "--checkpoint-every", "0"]
+    return [sys.executable, "-m", "orchestrator.cli", *words]
+
+
+def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
+    bucket: str, calm_deep: Path, tmp_path: Path
+) -> None:
+    storage = storage_path(bucket)
+    words = command(tmp_path, bucket)
+    with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
+        wait_for(lambda: bool(list((storage / "small" / "checkpoints").glob("*.checkpoint"))))
+        assert f"process {driver.pid}" in str(lock.driver(storage / "small"))
+        refused = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, env=os.environ)
+        assert refused.returncode == 2
+        assert f"is being run by process {driver.pid}" in refused.stderr
+        os.kill(driver.pid, signal.SIGKILL)
+    again = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
+    assert again.returncode == 0, again.stderr
+    results = Results.open(storage, "small")
+    assert timeless(results.tables()[1]).equals(points(calm_deep))
+    names = {path.name for path in (storage / "small").iterdir()}
+    assert {"sweep.json", "plan.json", "cells.parquet", "points.parquet", "table.csv", "best.yaml", "driver.log"} <= names
+    assert not list((storage / "small" / "checkpoints").glob("*.checkpoint"))
+    status = [sys.executable, "-m", "orchestrator.cli", "status", "small", "--storage", bucket, "--json"]
+    told = json.loads(subprocess.run(status, capture_output=True, check=True, text=True).stdout)
+    assert told["stages"]["transfer"]["missing"] == 0
+
+
+def test_a_lease_is_kept_alive_and_a_dead_ones_is_free(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = storage_path(bucket) / "leased"
+    monkeypatch.setattr(lock, "SETTLE_SECONDS", 0.0)
+    monkeypatch.setattr(lock, "LEASE_SECONDS", 1.0)
+    with lock.locked(folder):
+        time.sleep(2)
+        assert lock.driver(folder) is not None
+        with pytest.raises(InputError, match="is being run by process"), lock.locked(folder):
+            pass
+    assert lock.driver(folder) is None
+    (folder / lock.DRIVER).write_text(json.dumps({"pid": 1, "host": "elsewhere", "alive": time.time() - 2}))
+    with lock.locked(folder):
+        assert str(os.getpid()) in str(lock.driver(folder))
+
+
+def test_mlflows_database_cannot_be_on_an_object_store(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="--tracking-uri, or --no-mlflow"):
+        tracking_uri(storage_path(bucket), None)
+
+
+def test_a_storage_that_is_none_is_refused_in_a_sentence() -> None:
+    with pytest.raises(InputError, match="got the protocol 'nowhere'"):
+        storage_path("nowhere://x/y")
