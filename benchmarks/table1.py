@@ -7,25 +7,9 @@ from pathlib import Path
 
 from orchestrator.aggregates import Group, groups
 from orchestrator.describe import estimate_text, ratio_text, settings_text, varied
+from orchestrator.paper import table_1
 from orchestrator.results import Results
 from orchestrator.selection import select
-from trainables.tasks import parse_task
-
-PAPER = {
-    "cartpole:gravity=5x": {"dqn": "139.4 (11.7)", "es": "157.0 (11.1), +12.9%", "delta_es": "163.8 (14.1), +17.8%"},
-    "cartpole:gravity=7x": {"dqn": "131.8 (10.9)", "es": "127.6 (14.2), -2.9%", "delta_es": "158.6 (2.4), +21.0%"},
-    "acrobot:link_mass=1.5": {"dqn": "-172.7 (26.9)", "es": "-161.3 (14.4), +6%", "delta_es": "-150.1 (5.0), +13.0%"},
-    "acrobot:link_mass=2": {"dqn": "-228.6 (12.0)", "es": "-233.0 (20.4), -1.9%", "delta_es": "-228.4 (15.6), +0.1%"},
-    "lunar_lander:mass=1.1": {"dqn": "178.3 (13.8)", "es": "171.1 (7.8), -4%", "delta_es": "181.5 (7.4), +1.7%"},
-    "lunar_lander:mass=0.75": {"dqn": "223.5 (6.8)", "es": "219.8 (11.0), -1.6%", "delta_es": "228.0 (5.0), +3.7%"},
-    "reacher:y_force=0.75": {"dqn": "-5.96 (0.1)", "es": "-5.71 (0.1), +3.9%", "delta_es": "-5.66 (0.08), +4.8%"},
-    "reacher:y_force=1": {"dqn": "-6.38 (0.28)", "es": "-6.17 (0.09), +3.3%", "delta_es": "-6.09 (0.22), +4.4%"},
-}
-"""Table 1 of the paper: AUC mean (sd) and transfer ratio."""
-
-
-PAPER_SHARE = 0.25
-"""The advice fraction of Table 1 (Appendix C)."""
 
 
 def named(group: Group) -> dict[str, object]:
@@ -36,9 +20,7 @@ def named(group: Group) -> dict[str, object]:
 
 def row(group: Group) -> str:
     """A group's line of the table."""
-    its_share = group.hyperparameters.get("advice_fraction", PAPER_SHARE) == PAPER_SHARE
-    paper = {parse_task(task).name: values for task, values in PAPER.items()}.get(group.task, {}).get(group.agent, "-")
-    paper = paper if its_share else "-"
+    paper = str(table_1(group) or "-")
     against = group.against_base
     own = settings_text({"learning_rate": group.hyperparameters["learning_rate"]} | named(group))
     mean = (

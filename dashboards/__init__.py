@@ -1,16 +1,31 @@
-"""What people look at: figures drawn from the results table alone."""
+"""What people look at: figures and the report, drawn from the results table alone."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from orchestrator.results import Results
+from orchestrator.findings import Findings
 
-__all__ = ["draw"]
+__all__ = ["REPORT", "draw"]
+
+REPORT = "report.html"
+
+AT_THE_END = ("matrix", "curves", "delta_effect", "advice_fraction")
+"""The pictures that a sweep draws when it ends; the others are in the report at once, and as pictures on demand."""
 
 
-def draw(results: Results) -> list[Path]:
-    """Draw every figure that the sweep has the cells for, as PNG and SVG in its folder `figures`; the files."""
-    from dashboards import advice, curves, reuse
+def draw(findings: Findings, folder: Path | None = None, every: bool = False) -> list[Path]:
+    """Write the report, and as PNG and SVG in the folder `figures` beside it what the sweep has the cells for.
 
-    return [path for figure in (reuse.draw, curves.draw, advice.draw) for path in figure(results)]
+    folder: default the sweep's own. every: all figures as pictures, not those of AT_THE_END alone. The files, the
+    report first.
+    """
+    from dashboards import printed, report
+
+    figures = report.figures(findings)
+    folder = folder or findings.results.folder
+    paths = [report.write(findings, figures, folder / REPORT)]
+    for figure in figures:
+        if every or figure.name in AT_THE_END:
+            paths += printed.draw(figure, findings.results.name, folder / "figures")
+    return paths

@@ -2,51 +2,55 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
 
-from matplotlib.axes import Axes
+from dashboards.charts import Absent, Chart, Level, Panel, Series
+from dashboards.words import heading, in_order, targets
+from orchestrator.aggregates import Group
+from orchestrator.findings import Findings
 
-from dashboards.style import COLOURS, new_figure, save
-from orchestrator.aggregates import Group, groups
-from orchestrator.results import Results
-
-NAME = "advice_fraction"
-
-
-def draw(results: Results) -> list[Path]:
-    """Draw a panel per target on which more than one share was tried; no file where there is none."""
-    cells, _ = results.tables()
-    advised = [group for group in groups(cells) if NAME in group.hyperparameters and group.complete]
-    targets = [task for task in dict.fromkeys(group.task for group in advised) if len(_shares(advised, task)) > 1]
-    if not targets:
-        return []
-    figure = new_figure(4.4 * len(targets) + 0.4, 3.6)
-    panels = figure.subplots(1, len(targets), squeeze=False)[0]
-    for axes, target in zip(panels, targets, strict=True):
-        base = [group for group in groups(cells) if group.task == target and group.source == "none" and group.complete]
-        _panel(axes, [group for group in advised if group.task == target], base, _shares(advised, target))
-        axes.set_title(target, fontsize=9)
-        axes.set_xlabel("share of the source run's steps with advice", labelpad=1)
-    panels[0].set_ylabel("AUC, mean and sd over seeds")
-    figure.suptitle(f"{results.name}: how long should advice last?", fontsize=10)
-    return save(figure, results.folder / "figures", "advice_fraction")
+NAME, TITLE = "advice_fraction", "How long advice should last (Figure 4)"
+SHARE = "advice_fraction"
 
 
-def _shares(advised: list[Group], task: str) -> list[float]:
-    return sorted({float(group.hyperparameters[NAME]) for group in advised if group.task == task})
+def chart(findings: Findings) -> Chart | Absent:
+    """A panel per target and kind of source on which more than one share was tried."""
+    advised = [group for group in findings.groups if SHARE in group.hyperparameters and group.complete]
+    panels = []
+    for target in targets(findings):
+        for source in dict.fromkeys(group.source for group in advised):
+            here = [group for group in advised if (group.task, group.source) == (target, source)]
+            if len(_shares(here)) > 1:
+                panels.append(_panel(target, source, here, [g for g in findings.best if g.task == target]))
+    if not panels:
+        return Absent(NAME, TITLE, "No target has two advice fractions with every seed done, so there is no Figure 4.")
+    caption = "AUC, mean and sd over seeds, against the share of the source run's steps with advice (Figure 4). "
+    caption += "Dashed: the agent without transfer. Of several configurations with one share, the best is shown."
+    alt = f"Bars of AUC by advice fraction on {len(panels)} targets."
+    return Chart(NAME, TITLE, caption, alt, tuple(panels))
 
 
-def _panel(axes: Axes, advised: list[Group], base: list[Group], shares: list[float]) -> None:
-    agents = list(dict.fromkeys(group.agent for group in advised))
-    width = 0.8 / len(agents)
-    for number, agent in enumerate(agents):
-        mine = {float(group.hyperparameters[NAME]): group for group in advised if group.agent == agent}
-        at = [shares.index(share) + (number - (len(agents) - 1) / 2) * width for share in mine]
-        means = [group.auc.value for group in mine.values() if group.auc]
-        deviations = [group.auc_sd or 0.0 for group in mine.values()]
-        axes.bar(at, means, width * 0.92, yerr=deviations, capsize=3, color=COLOURS[agent], label=agent)
-    for group in base[:1]:
-        if group.auc:
-            axes.axhline(group.auc.value, color=COLOURS[group.agent], ls="--", lw=1.2, label=group.agent)
-    axes.set_xticks(range(len(shares)), [f"{share:.0%}" for share in shares])
-    axes.legend(fontsize=7, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+def _shares(groups: Sequence[Group]) -> list[float]:
+    return sorted({float(group.hyperparameters[SHARE]) for group in groups})
+
+
+def _panel(target: str, source: str, advised: Sequence[Group], best: Sequence[Group]) -> Panel:
+    shares = _shares(advised)
+    agents = list(dict.fromkeys(group.agent for group in in_order(advised)))
+    series = []
+    for agent in agents:
+        chosen = [_best_at([group for group in advised if group.agent == agent], share) for share in shares]
+        means = tuple(group.auc.value if group and group.auc else None for group in chosen)
+        sds = tuple((group.auc_sd or 0.0) if group else 0.0 for group in chosen)
+        low = tuple(None if mean is None else mean - sd for mean, sd in zip(means, sds, strict=True))
+        high = tuple(None if mean is None else mean + sd for mean, sd in zip(means, sds, strict=True))
+        series.append(Series(agent, agent, tuple(map(float, range(len(shares)))), means, (low, high), form="bars"))
+    base = [Level(group.auc.value, group.agent, group.agent) for group in best if group.source == "none" and group.auc]
+    ticks = tuple(f"{share:.0%}" for share in shares)
+    x_title = "share of the source run's steps with advice"
+    return Panel(heading(target, source), x_title, "AUC", tuple(series), target, tuple(base), ticks)
+
+
+def _best_at(groups: Sequence[Group], share: float) -> Group | None:
+    tried = [group for group in groups if float(group.hyperparameters[SHARE]) == share and group.auc]
+    return max(tried, key=lambda group: group.auc.value if group.auc else 0.0, default=None)

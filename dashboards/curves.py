@@ -1,79 +1,83 @@
-"""Evaluation curves with 95 % bands, one row per target task, learned and exact source side by side (Figure 2)."""
+"""Evaluation curves with 95 % bands, a panel per target and kind of source (Figure 2)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Collection, Mapping
 
 import pandas as pd
-from matplotlib.axes import Axes
 
-from dashboards.style import COLOURS, LINES, new_figure, save
-from orchestrator.aggregates import Group, groups, mean_curve
-from orchestrator.describe import settings_text, varied
-from orchestrator.results import Results
-from orchestrator.selection import select
+from dashboards.charts import Absent, Chart, Panel, Series
+from dashboards.words import count, heading, in_order, kinds, label, targets
+from orchestrator.aggregates import Group, curve_bands
+from orchestrator.findings import Findings
+
+NAME, TITLE = "curves", "Evaluation curves"
 
 OTHERS = 2
 """Most configurations of an agent that are drawn beside its best."""
 
-SOURCES = {"learned": "learned source", "exact": "exact source"}
+POINTS = 160
+"""Most points of a curve that are drawn, evenly spaced, first and last included; the tables have them all."""
+
+Bands = Mapping[tuple[str, str], pd.DataFrame]
 
 
-def draw(results: Results) -> list[Path]:
-    """Draw the best configuration of each agent on each target, and up to OTHERS more of it in thin lines.
-
-    No file where no target is complete.
-    """
-    cells, points = results.tables()
-    if cells.empty:
-        return []
-    every = groups(cells)
-    best = [selected.best for selected in select(every, cells).values()]
-    targets = [target for scenario in results.space().scenarios for target in scenario.targets]
-    rows = [target for target in dict.fromkeys(targets) if any(group.task == target for group in best)]
-    columns = [source for source in SOURCES if any(group.source == source for group in best)] or ["none"]
-    if not rows:
-        return []
-    figure = new_figure(4.6 * len(columns) + 0.6, 3.2 * len(rows) + 0.5)
-    axes = figure.subplots(len(rows), len(columns), squeeze=False, sharey="row")
-    for i, target in enumerate(rows):
-        for j, source in enumerate(columns):
-            here = [group for group in every if group.task == target and group.source in (source, "none")]
-            _panel(axes[i, j], [group for group in here if group in best], _others(here, best), cells, points)
-            axes[i, j].set_title(f"{target}\n{SOURCES.get(source, '')}".strip(), fontsize=9)
-            axes[i, j].set_xlabel("training episode", labelpad=1)
-        axes[i, 0].set_ylabel("greedy return")
-    seeds = sorted({len(group.seeds) for group in best})
-    text = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
-    figure.suptitle(f"{results.name}: greedy evaluation, mean and 95 % interval over {text} seeds", fontsize=10)
-    return save(figure, results.folder / "figures", "curves")
-
-
-def _others(here: Sequence[Group], best: Sequence[Group]) -> list[Group]:
-    """The configurations beside the best, of agents that have few of them."""
-    others = [group for group in here if group.complete and group not in best]
-    return [group for group in others if sum(other.agent == group.agent for other in others) <= OTHERS]
+def chart(findings: Findings) -> Chart | Absent:
+    """The best configuration of each agent on each target, and up to OTHERS more of it in thin lines."""
+    best = findings.best
+    shown = [target for target in targets(findings) if any(group.task == target for group in best)]
+    if not shown:
+        return Absent(
+            NAME, TITLE, "No configuration on a target task has every seed done, so there is no curve to draw."
+        )
+    drawn = {group.id: group for group in best if group.task in shown}
+    others = {group.id: group for target in shown for group in _others(findings, target)}
+    bands = curve_bands(findings.points, findings.cells, [*drawn, *others], ["greedy_return"])
+    lines = {key: line(g, bands[key, "greedy_return"], findings.common) for key, g in drawn.items()}
+    lines |= {key: line(g, bands[key, "greedy_return"], findings.common, faint=True) for key, g in others.items()}
+    every_group = in_order([*others.values(), *drawn.values()])
+    panels = []
+    for target in shown:
+        here = [group for group in every_group if group.task == target]
+        for source in kinds(here):
+            series = tuple(lines[group.id] for group in here if group.source in (source, "none"))
+            panels.append(_panel(target, source, series))
+    longest = max(len(band) for band in bands.values())
+    every = -(-(longest - 1) // (POINTS - 1)) if longest > POINTS else 1
+    caption = "Greedy return over training: mean and 95 % interval over seeds. Bold: each agent's best configuration; "
+    caption += f"thin: up to {count(OTHERS, 'other')} of it, where it has no more. "
+    caption += (
+        f"Of {longest} evaluations about every {every}th is drawn." if every > 1 else "Every evaluation is drawn."
+    )
+    alt = f"Evaluation curves of {count(len(drawn), 'configuration')} on {count(len(shown), 'target')}."
+    return Chart(NAME, TITLE, caption, alt, tuple(panels), len(kinds(drawn.values())))
 
 
-def _panel(
-    axes: Axes, best: Sequence[Group], others: Sequence[Group], cells: pd.DataFrame, points: pd.DataFrame
-) -> None:
-    spans: list[float] = []
-    for group in sorted(
-        [*best, *others], key=lambda group: list(COLOURS).index(group.agent) if group.agent in COLOURS else 99
-    ):
-        curve = mean_curve(points, cells, group.id)
-        own = settings_text(varied(group.agent, group.task, group.hyperparameters))
-        label = group.agent if own == "-" else f"{group.agent} ({own})"
-        colour: Any = COLOURS.get(group.agent)
-        line: Any = LINES.get(group.agent, "-")
-        width, band = (1.3, 0.18) if group in best else (0.7, 0.08)
-        axes.plot(curve["episode"], curve["mean"], ls=line, color=colour, label=label, lw=width)
-        axes.fill_between(curve["episode"], curve["low"], curve["high"], color=colour, alpha=band, lw=0)
-        spans += [curve["mean"].min(), curve["mean"].max()]
-    if spans:
-        margin = 0.06 * (max(spans) - min(spans) or 1.0)
-        axes.set_ylim(min(spans) - margin, max(spans) + margin)
-    axes.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+def _others(findings: Findings, target: str) -> list[Group]:
+    """The configurations beside the best, of agents that have few of them with one kind of source."""
+    best = {group.id for group in findings.best}
+    others = [g for g in findings.groups if g.task == target and g.complete and g.id not in best]
+    return [g for g in others if sum((o.agent, o.source) == (g.agent, g.source) for o in others) <= OTHERS]
+
+
+def _panel(target: str, source: str, series: tuple[Series, ...]) -> Panel:
+    means = [value for one in series for value in one.y if value is not None]
+    margin = 0.06 * (max(means) - min(means) or 1.0)
+    reach = (min(means) - margin, max(means) + margin)
+    return Panel(heading(target, source), "training episode", "greedy return", series, target, y_range=reach)
+
+
+def line(group: Group, band: pd.DataFrame, hide: Collection[str] = (), faint: bool = False) -> Series:
+    """A group's mean curve with its band, of at most POINTS points; `hide` is left out of its label."""
+    thin = thinned(band)
+    low, high = (tuple(float(value) for value in thin[end]) for end in ("low", "high"))
+    x, y = (tuple(float(value) for value in thin[name]) for name in ("episode", "mean"))
+    return Series(group.agent, label(group, hide), x, y, (low, high) if len(group.seeds) > 1 else None, faint=faint)
+
+
+def thinned(band: pd.DataFrame) -> pd.DataFrame:
+    """At most POINTS rows, evenly spaced, first and last included."""
+    if len(band) <= POINTS:
+        return band
+    last = len(band) - 1
+    return band.iloc[[round(i * last / (POINTS - 1)) for i in range(POINTS)]]

@@ -1,62 +1,54 @@
-"""One look for all figures: colour-blind safe (Okabe and Ito), readable in print."""
+"""One look for everything: colour-blind safe (after Okabe and Ito), readable in print, on light and on dark."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
-import matplotlib
-from matplotlib.figure import Figure
 
-COLOURS = {
-    "q_learning": "#4d4d4d",
-    "policy_reuse": "#e69f00",
-    "ppr": "#0072b2",
-    "delta_gate": "#d55e00",
-    "confidence_gate": "#009e73",
-    "q_warm_start": "#cc79a7",
-    "dqn": "#4d4d4d",
-    "es": "#0072b2",
-    "delta_es": "#d55e00",
-    "dpba": "#56b4e9",
-    "delta_dpba": "#cc79a7",
+@dataclass(frozen=True)
+class Look:
+    """How an agent is drawn, the same everywhere: colour, dash and marker each tell it from its kin."""
+
+    light: str
+    """Colour on white."""
+    dark: str
+    """Colour on black: the same hue, lighter."""
+    dash: tuple[float, ...] = ()
+    """Lengths of line and gap in points; empty: solid."""
+    marker: str = "circle"
+    """A key of MARKERS."""
+
+
+MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v", "x": "X"}
+"""Name of a marker in the report to its name in print."""
+
+LOOKS = {
+    "q_learning": Look("#4d4d4d", "#c9ccd1", (5, 3), "square"),
+    "policy_reuse": Look("#e69f00", "#f5b83d", (1.5, 2.5), "diamond"),
+    "ppr": Look("#0072b2", "#4aa8e8", (7, 3, 1.5, 3), "triangle-up"),
+    "delta_gate": Look("#d55e00", "#ff8b45", (), "circle"),
+    "confidence_gate": Look("#009e73", "#35cfa4", (9, 3), "triangle-down"),
+    "q_warm_start": Look("#cc79a7", "#e79cc6", (6, 2, 1.5, 2, 1.5, 2), "x"),
+    "dqn": Look("#4d4d4d", "#c9ccd1", (5, 3), "square"),
+    "es": Look("#0072b2", "#4aa8e8", (7, 3, 1.5, 3), "triangle-up"),
+    "delta_es": Look("#d55e00", "#ff8b45", (), "circle"),
+    "dpba": Look("#56b4e9", "#a5dbff", (1.5, 2.5), "diamond"),
+    "delta_dpba": Look("#cc79a7", "#e79cc6", (6, 2, 1.5, 2, 1.5, 2), "x"),
 }
-"""Each agent's colour, the same everywhere; a deep agent has that of its tabular kin, which it never meets."""
+"""Each agent's look; a deep agent has that of its tabular kin, which it never meets."""
 
-LINES = {
-    "dqn": "--",
-    "es": "-.",
-    "dpba": ":",
-    "q_learning": "--",
-    "policy_reuse": ":",
-    "ppr": "-.",
-    "confidence_gate": (0, (6, 2)),
-    "q_warm_start": (0, (5, 1, 1, 1, 1, 1)),
-}
-"""Each agent's line style, so that a print without colour can be read; the others are solid."""
+OTHER = Look("#7a6a00", "#cbb94a", (3, 2), "x")
+"""An agent without a look of its own."""
 
-SETTINGS: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.grid": True,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "grid.alpha": 0.25,
-    "legend.frameon": False,
-    "svg.hashsalt": "deltatune",
-    "svg.fonttype": "none",
-}
+HELPED, HURT = "#1b7a5a", "#b3401f"
+"""Positive and negative transfer in print."""
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, width and height in inches, that needs no screen."""
-    matplotlib.rcParams.update(SETTINGS)
-    return Figure(figsize=(width, height), layout="constrained")
+def look(agent: str) -> Look:
+    """The look of an agent."""
+    return LOOKS.get(agent, OTHER)
 
 
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write PNG and SVG, the same bytes for the same figure; the two files."""
-    folder.mkdir(exist_ok=True)
-    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-    figure.savefig(paths[0], dpi=150, metadata={"Software": None})
-    figure.savefig(paths[1], metadata={"Date": None})
-    return paths
+def rank(agent: str) -> int:
+    """Where an agent stands in every legend: the order of LOOKS."""
+    return list(LOOKS).index(agent) if agent in LOOKS else len(LOOKS)

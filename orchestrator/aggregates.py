@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +49,7 @@ class Group:
     """Seeds that are done."""
     failed: int
     stopped: int
-    """Cells that a scheduler has ended early."""
+    """Cells that a scheduler has ended early; their AUC is of a shorter curve and compared with nothing."""
     missing: int
     auc: Estimate | None
     """Mean over seeds; None where no cell is done."""
@@ -143,22 +143,39 @@ NO_CURVE = pd.DataFrame({"episode": [], "mean": [], "low": [], "high": []})
 
 def mean_curve(points: pd.DataFrame, cells: pd.DataFrame, group: str, column: str = "greedy_return") -> pd.DataFrame:
     """(episode, mean, low, high) over the done seeds of a group, with Student's t interval at each point."""
-    ids = cells.loc[(cells["group"] == group) & (cells["status"] == "done"), "cell_id"]
-    return _mean_curve(points[points["cell_id"].isin(ids)], column)
+    return curve_bands(points, cells, [group], [column])[group, column]
 
 
 def mean_curves(points: pd.DataFrame, cells: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """`mean_curve` of the greedy return of every group with a done cell, in one pass over the points."""
-    done = cells.loc[cells["status"] == "done"].set_index("cell_id")["group"]
-    keys = points["cell_id"].map(done)
-    return {str(key): _mean_curve(chosen, "greedy_return") for key, chosen in points.groupby(keys, sort=False)}
+    names = cells.loc[cells["status"] == "done", "group"].unique()
+    curves = curve_bands(points, cells, [str(name) for name in names], ["greedy_return"])
+    return {group: curve for (group, _), curve in curves.items()}
 
 
-def _mean_curve(chosen: pd.DataFrame, column: str) -> pd.DataFrame:
-    if column not in chosen or chosen.empty:
-        return NO_CURVE
-    table = chosen.groupby("episode")[column].agg(["mean", "std", "count"]).reset_index()
+def curve_bands(
+    points: pd.DataFrame, cells: pd.DataFrame, groups: Collection[str], columns: Collection[str]
+) -> dict[tuple[str, str], pd.DataFrame]:
+    """`mean_curve` of every (group, column) at once; an empty table where a group's points lack the column."""
+    there = [column for column in columns if column in points]
+    if not groups or not there:
+        return {(group, column): NO_CURVE for group in groups for column in columns}
+    chosen = cells.loc[cells["group"].isin(groups) & (cells["status"] == "done"), ["cell_id", "group"]]
+    joined = points[["cell_id", "episode", *there]].merge(chosen, on="cell_id")
+    table = joined.groupby(["group", "episode"])[there].agg(["mean", "std", "count"])
+    known = set(chosen["group"])
+    return {
+        (group, column): _band(pd.DataFrame(table.loc[group][column]))
+        if group in known and column in there
+        else NO_CURVE
+        for group in groups
+        for column in columns
+    }
+
+
+def _band(table: pd.DataFrame) -> pd.DataFrame:
+    """(mean, std, count) by episode to (episode, mean, low, high)."""
+    table = table[table["count"] > 0].reset_index()
     t = stats.t.ppf((1 + statistics.LEVEL) / 2, np.maximum(table["count"] - 1, 1))
     half = np.where(table["count"] > 1, t * table["std"].fillna(0.0) / np.sqrt(table["count"]), 0.0)
-    curve = table[["episode", "mean"]].assign(low=table["mean"] - half, high=table["mean"] + half)
-    return curve.dropna(subset=["mean"])
+    return table[["episode", "mean"]].assign(low=table["mean"] - half, high=table["mean"] + half)

@@ -8,12 +8,11 @@ from typing import Any
 
 import yaml
 
-from orchestrator.aggregates import groups
 from orchestrator.files import make_folder
+from orchestrator.findings import Findings
 from orchestrator.plan import Key, Params
 from orchestrator.provenance import commit, versions
-from orchestrator.results import Results
-from orchestrator.selection import RULE, Selected, select
+from orchestrator.selection import RULE, Selected
 from orchestrator.statistics import LEVEL, Estimate, TransferRatio
 from search_spaces import read_yaml
 from trainables.agents import agent_named
@@ -24,15 +23,13 @@ from trainables.tasks import parse_task
 SCHEMA = 1
 
 
-def best(results: Results) -> dict[str, Any]:
+def best(findings: Findings) -> dict[str, Any]:
     """The best hyperparameters per task, agent and source, as plain data."""
-    cells, _ = results.tables()
-    every = groups(cells)
-    selected = select(every, cells)
-    wanted = dict.fromkeys((group.task, group.agent, group.source) for group in every)
+    cells, selected = findings.cells, findings.selected
+    wanted = dict.fromkeys((group.task, group.agent, group.source) for group in findings.groups)
     return {
         "schema": SCHEMA,
-        "sweep": results.name,
+        "sweep": findings.results.name,
         "rule": RULE,
         "interval": f"{LEVEL:.0%}: Student's t for means and differences, Fieller for transfer ratios",
         "commit": commit(),
@@ -43,11 +40,12 @@ def best(results: Results) -> dict[str, Any]:
     }
 
 
-def write_best(results: Results, path: Path) -> dict[str, Any]:
+def write_best(findings: Findings, path: Path) -> dict[str, Any]:
     """Write `best` as YAML to `path`; InputError where that cannot be written, or nothing is complete yet."""
-    data = best(results)
+    data = best(findings)
     if not data["best"]:
-        raise InputError(f"the sweep '{results.name}' has no configuration whose every seed is done: run it first")
+        name = findings.results.name
+        raise InputError(f"the sweep '{name}' has no configuration whose every seed is done: run it first")
     make_folder(path.absolute().parent)
     write_atomic(path.absolute(), yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120).encode())
     return data

@@ -1,56 +1,63 @@
-"""After the cells: tables, figures, best.yaml and MLflow, all drawn from the records."""
+"""After the cells: tables, figures, the report, best.yaml and MLflow, all drawn from the records."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import Protocol, cast
 
 import pandas as pd
 
-from orchestrator.aggregates import Group, groups
 from orchestrator.describe import COLUMNS, row
 from orchestrator.export import write_best
-from orchestrator.plan import Key
+from orchestrator.findings import Findings, find
 from orchestrator.results import Results
-from orchestrator.selection import Selected, select
 from trainables.errors import InputError
 
 DASHBOARDS = "dashboards"
-"""The package whose `draw(results)` makes the figures. Named, not imported: dashboards stand above this package."""
+"""The package that draws. Named, not imported: dashboards stand above this package."""
+
+
+class Dashboards(Protocol):
+    """What this package asks of DASHBOARDS."""
+
+    def draw(self, findings: Findings, folder: Path | None = None, every: bool = False) -> list[Path]:
+        """Write the report and figures; the files, the report first."""
+
+
+def dashboards() -> Dashboards:
+    """The package that draws, imported when it is needed."""
+    return cast(Dashboards, import_module(DASHBOARDS))
 
 
 @dataclass(frozen=True)
 class Published:
     """What a sweep's results came to."""
 
-    groups: list[Group]
-    selected: dict[Key, Selected]
+    findings: Findings
+    report: Path
     figures: list[Path]
     best: Path | None
     """None where no configuration has all its seeds."""
 
 
 def publish(results: Results) -> Published:
-    """Write a sweep's tables (table.csv is the one for people: a row per configuration), figures and best.yaml."""
-    cells, _ = results.write_tables()
-    every = groups(cells)
-    pd.DataFrame([row(group) for group in every], columns=list(COLUMNS)).to_csv(
-        results.folder / "table.csv", index=False
-    )
-    draw: Callable[[Results], list[Path]] = import_module(DASHBOARDS).draw
-    figures = draw(results)
+    """Write a sweep's tables (table.csv is the one for people: a row per configuration), report, figures, best.yaml."""
+    findings = find(results, results.write_tables())
+    table = pd.DataFrame([row(group) for group in findings.groups], columns=list(COLUMNS))
+    table.to_csv(results.folder / "table.csv", index=False)
+    report, *figures = dashboards().draw(findings)
     best: Path | None = results.folder / "best.yaml"
     try:
-        write_best(results, results.folder / "best.yaml")
+        write_best(findings, results.folder / "best.yaml")
     except InputError:
         best = None
-    return Published(every, select(every, cells), figures, best)
+    return Published(findings, report, figures, best)
 
 
 def artifacts(results: Results) -> list[Path]:
     """The files of a sweep that belong into MLflow."""
-    names = ("table.csv", "cells.parquet", "points.parquet", "best.yaml")
+    names = ("report.html", "table.csv", "cells.parquet", "points.parquet", "best.yaml")
     files = [results.folder / name for name in names] + sorted((results.folder / "figures").glob("*"))
     return [path for path in files if path.is_file()]

@@ -26,7 +26,7 @@ class Selected:
     tried: int
     """Configurations that took part."""
     left_out: int
-    """Configurations with a failed or missing seed."""
+    """Configurations with a seed that failed, is missing or was stopped early."""
 
 
 def select(groups: Iterable[Group], cells: pd.DataFrame) -> dict[Key, Selected]:

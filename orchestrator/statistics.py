@@ -118,6 +118,29 @@ def probability_of_improvement(with_transfer: Sequence[float], without: Sequence
     return _bootstrapped(float(wins.mean()), resampled, min(len(x), len(y)))
 
 
+def rank_correlation(x: Sequence[float], y: Sequence[float]) -> Estimate | None:
+    """Spearman's rank correlation of pairs, with a bootstrap interval over the pairs.
+
+    None for fewer than three pairs, or where all of one side are equal. Resamples in which one side is constant have
+    no correlation and are left out.
+    """
+    a, b = _array(x), _array(y)
+    if len(a) < 3 or np.ptp(a) == 0 or np.ptp(b) == 0:
+        return None
+    draws = _draws(len(a), 3 * len(a))
+    varied = draws[(np.ptp(a[draws], axis=1) > 0) & (np.ptp(b[draws], axis=1) > 0)]
+    value = float(_spearman(a[None], b[None])[0])
+    return _bootstrapped(value, _spearman(a[varied], b[varied]), len(a))
+
+
+def _spearman(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rank correlation of each row of x with the same row of y, (rows, n)."""
+    ranks = [stats.rankdata(side, axis=1) for side in (x, y)]
+    p, q = (side - side.mean(axis=1, keepdims=True) for side in ranks)
+    correlation: NDArray[np.float64] = (p * q).sum(axis=1) / np.sqrt((p**2).sum(axis=1) * (q**2).sum(axis=1))
+    return correlation
+
+
 def _draws(n: int, seed: int) -> NDArray[np.int64]:
     return np.random.default_rng(seed).integers(0, n, (RESAMPLES, n))
 

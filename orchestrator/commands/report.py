@@ -68,7 +68,8 @@ def _summary(
     return {
         "sweep": str(results.folder),
         "tally": asdict(tally) | {"publishing_seconds": after},
-        "best": best(results),
+        "best": best(published.findings),
+        "report": str(published.report),
         "figures": [str(path) for path in published.figures],
         "mlflow": _mlflow(tracker) if tracker else None,
     }
@@ -79,9 +80,9 @@ def _mlflow(tracker: Tracker) -> dict[str, Any]:
 
 
 def _print_report(results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float) -> None:
-    chosen = [selected.best for selected in published.selected.values()]
-    incomplete = [group for group in published.groups if not group.complete]
-    tried = {selected.best.id: selected.tried for selected in published.selected.values()}
+    chosen = [selected.best for selected in published.findings.selected.values()]
+    incomplete = [group for group in published.findings.groups if not group.complete]
+    tried = {selected.best.id: selected.tried for selected in published.findings.selected.values()}
     out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds", tried))
     if incomplete:
         out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
@@ -93,6 +94,7 @@ def _print_report(results: Results, tally: Tally, published: Published, tracker:
         f"{share:.0f} % of it not training."
     )
     out.print(f"Results:  {results.folder}", soft_wrap=True)
+    out.print(f"Report:   {published.report}", soft_wrap=True)
     for path in (path for path in published.figures if path.suffix == ".png"):
         out.print(f"Figure:   {path}", soft_wrap=True)
     if published.best:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -49,21 +50,75 @@ def status(
 
 
 @app.command()
+def report(
+    name: Sweep,
+    storage: Storage = RESULTS,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FOLDER", help="Write it here; default: the sweep's folder."),
+    ] = None,
+    show: Annotated[bool, typer.Option("--open/--no-open", help="Open it in the browser.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Draw a sweep's report: one HTML file with every table and figure in it, and each figure as PNG and SVG."""
+    from orchestrator.files import make_folder
+    from orchestrator.findings import find
+    from orchestrator.publish import dashboards
+    from orchestrator.results import Results
+
+    findings = find(Results.open(storage, name))
+    files = dashboards().draw(findings, make_folder(output) if output else None, every=True)
+    if as_json:
+        print_json({"report": str(files[0]), "figures": [str(path) for path in files[1:]]})
+    else:
+        out.print(f"Report:   {files[0]}", soft_wrap=True)
+        out.print(f"Figures:  {len(files) - 1} PNG and SVG files in {files[0].parent / 'figures'}", soft_wrap=True)
+    if show:
+        typer.launch(files[0].as_uri())
+
+
+class Format(StrEnum):
+    """What `export` can write."""
+
+    YAML = "yaml"
+    JSON = "json"
+    SB3 = "sb3"
+    CSV = "csv"
+    PARQUET = "parquet"
+    LATEX = "latex"
+
+
+@app.command()
 def export(
     name: Sweep,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The YAML file to write.")] = Path("best.yaml"),
+    kind: Annotated[
+        Format,
+        typer.Option(
+            "--format",
+            help="yaml, json: the best hyperparameters; sb3: the same as keyword arguments of stable-baselines3's DQN; "
+            "csv, parquet: the results, cells and points; latex: Table 1.",
+        ),
+    ] = Format.YAML,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="The file to write (csv, parquet: the folder); default: by the format."),
+    ] = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Write a sweep's best hyperparameters per task, agent and source, for people and for 'sweep --params'."""
-    from orchestrator.export import write_best
+    """Write a sweep's best hyperparameters per task, agent and source, for people and for 'sweep --params'.
+
+    Or, with --format, its results and its Table 1 for other programs.
+    """
+    from orchestrator.exports import write
+    from orchestrator.findings import find
     from orchestrator.results import Results
 
-    data = write_best(Results.open(storage, name), output)
+    written = write(find(Results.open(storage, name)), kind.value, output)
     if as_json:
-        print_json(data)
+        print_json(written.data)
     else:
-        out.print(f"{len(data['best'])} best configurations: {output}", soft_wrap=True)
+        out.print(f"{written.what}: {', '.join(str(path) for path in written.files)}", soft_wrap=True)
 
 
 @app.command()

@@ -153,6 +153,10 @@ def test_a_sweeps_page_says_what_was_asked_and_holds_the_figures(page: Page, swe
     assert {"table.csv", "cells.parquet", "points.parquet", "figures"} <= set(text.split())
     page.page.get_by_text("table.csv").click()
     page.page.get_by_text("policy_reuse").first.wait_for()
+    page.page.get_by_text("report.html").click()
+    report = page.page.frame_locator("iframe")
+    report.locator("#chart-curves").scroll_into_view_if_needed()
+    report.locator("#chart-curves svg.main-svg").first.wait_for()
 
 
 def test_the_registry_shows_the_source_and_its_alias(page: Page) -> None:

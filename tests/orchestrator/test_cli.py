@@ -99,7 +99,19 @@ def test_bounds_of_a_scenario(terminal: Terminal) -> None:
 
 
 def test_every_command_has_help(terminal: Terminal) -> None:
-    for command in ("tasks", "agents", "spaces", "sweep", "status", "export", "sync", "bounds", "replay", "ui"):
+    for command in (
+        "tasks",
+        "agents",
+        "spaces",
+        "sweep",
+        "status",
+        "export",
+        "sync",
+        "bounds",
+        "replay",
+        "report",
+        "ui",
+    ):
         code, out, _ = terminal.run(command, "--help")
         assert code == 0
         assert command in out
@@ -118,7 +130,7 @@ def test_a_sweep_from_the_command_line(terminal: Terminal, space_file: Path, tmp
     folder = tmp_path / "r" / "small"
     assert data["sweep"] == str(folder)
     assert (data["tally"]["ran"], data["tally"]["failed"]) == (CELLS, 0)
-    assert {Path(path).name for path in data["figures"]} >= {"curves.png", "curves.svg", "reuse_against_delta.png"}
+    assert {Path(path).name for path in data["figures"]} >= {"curves.png", "curves.svg", "delta_effect.png"}
     assert data["mlflow"]["error"] is None
     code, out, _ = terminal.run(*words)
     assert code == 0
@@ -138,6 +150,14 @@ def test_reading_commands(terminal: Terminal, finished: Path, tmp_path: Path) ->
     output = tmp_path / "out" / "best.yaml"
     data = terminal.json("export", "small", "-o", str(output), *storage)
     assert yaml.safe_load(output.read_text()) == data
+    table = tmp_path / "out" / "table1.tex"
+    assert "Table 1: " in terminal.run("export", "small", "--format", "latex", "-o", str(table), *storage)[1]
+    assert table.read_text().startswith("% small")
+    drawn = terminal.json("report", "small", "-o", str(tmp_path / "out"), *storage)
+    assert Path(drawn["report"]) == tmp_path / "out" / "report.html"
+    assert all(Path(path).is_file() for path in [drawn["report"], *drawn["figures"]])
+    assert "Report:   " in terminal.run("report", "small", *storage)[1]
+    assert (tmp_path / "r" / "small" / "report.html").read_bytes() == Path(drawn["report"]).read_bytes()
     cell_id = next(iter(Results.open(tmp_path / "r", "small").heads()))
     assert terminal.json("replay", cell_id, *storage)["agrees"] is True
     assert "every bit agrees" in terminal.run("replay", cell_id, "--sweep", "small", *storage)[1]
@@ -175,6 +195,7 @@ def test_reading_commands(terminal: Terminal, finished: Path, tmp_path: Path) ->
         (["sweep", "demo", "--address", "127.0.0.1:1"], "no Ray cluster answers at '127.0.0.1:1': Connection refused"),
         (["sweep", "/nowhere.yaml"], "cannot read /nowhere.yaml: No such file or directory"),
         (["export", "nothing"], "unknown sweep in results 'nothing'"),
+        (["report", "nothing"], "unknown sweep in results 'nothing'"),
         (["replay", "../../x"], "a cell id is 16 hexadecimal digits (got '../../x')"),
         (["replay", "0" * 16], "no record of the cell 0000000000000000"),
     ],

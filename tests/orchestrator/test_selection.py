@@ -8,7 +8,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from orchestrator.aggregates import groups, mean_curve
+from orchestrator.aggregates import curve_bands, groups, mean_curve
+from orchestrator.describe import row
 from orchestrator.selection import select
 from trainables.cell import Cell, Source
 
@@ -82,6 +83,18 @@ def test_a_failed_cell_is_counted_and_its_group_has_no_mean_of_it() -> None:
     assert group.auc.value == pytest.approx(-15.0)
 
 
+def test_a_cell_that_was_stopped_early_is_counted_and_its_auc_compared_with_nothing() -> None:
+    rows = cell_rows("q_learning", [-10.0, -1.0, -20.0])
+    rows[1]["status"] = "stopped"
+    cells = pd.DataFrame(rows)
+    group = groups(cells)[0]
+    assert (group.seeds, group.stopped, group.complete) == ((0, 2), 1, False)
+    assert group.auc is not None
+    assert group.auc.value == pytest.approx(-15.0)
+    assert not select(groups(cells), cells)
+    assert row(group)[4] == "2, 1 stopped early"
+
+
 def test_a_clear_loser_is_no_tie_and_a_close_one_is() -> None:
     selected = best_rate(
         cell_rows("q_learning", [-40.0, -41.0, -42.0], learning_rate=0.5),
@@ -127,3 +140,21 @@ def test_a_mean_curve_has_the_mean_and_a_band_at_each_point() -> None:
     assert list(curve["mean"]) == [1.0, 1.0]
     assert curve["low"][0] < 1.0 < curve["high"][0]
     assert curve["low"][1] == curve["high"][1] == 1.0
+
+
+def test_curves_of_many_groups_at_once_are_those_of_each() -> None:
+    cells = pd.DataFrame(cell_rows("q_learning", [1.0, 3.0, None]) + cell_rows("delta_gate", [2.0, 5.0, 4.0]))
+    shape = {"episode": [0, 10], "max_abs_delta": [None, 2.0]}
+    frames = [
+        pd.DataFrame(shape | {"cell_id": row.cell_id, "greedy_return": [row.seed, 1.0]}) for row in cells.itertuples()
+    ]
+    points = pd.concat(frames)
+    names = list(cells["group"].unique())
+    columns = ["greedy_return", "max_abs_delta", "kappa"]
+    every = curve_bands(points, cells, names, columns)
+    for name in names:
+        for column in columns:
+            pd.testing.assert_frame_equal(every[name, column], mean_curve(points, cells, name, column))
+    assert list(every[names[0], "greedy_return"]["mean"]) == [0.5, 1.0]
+    assert list(every[names[0], "max_abs_delta"]["episode"]) == [10]
+    assert every[names[0], "kappa"].empty

@@ -95,3 +95,24 @@ def test_the_interquartile_mean_lies_between_the_extremes(values: list[float]) -
 
 def test_the_same_seeds_give_the_same_bootstrap() -> None:
     assert statistics.iqm([1.0, 5.0, 2.0]) == statistics.iqm([1.0, 5.0, 2.0])
+
+
+@given(st.lists(st.tuples(numbers, numbers), min_size=3, max_size=9))
+def test_a_rank_correlation_is_spearmans_within_its_interval(pairs: list[tuple[float, float]]) -> None:
+    x, y = [list(side) for side in zip(*pairs, strict=True)]
+    estimate = statistics.rank_correlation(x, y)
+    if len(set(x)) == 1 or len(set(y)) == 1:
+        assert estimate is None
+        return
+    assert estimate is not None
+    assert estimate.value == pytest.approx(stats.spearmanr(x, y).statistic)
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert -1 - 1e-9 <= estimate.low <= estimate.high <= 1 + 1e-9
+
+
+def test_two_targets_have_no_rank_correlation_and_a_clear_order_has_a_sure_one() -> None:
+    assert statistics.rank_correlation([1.0, 2.0], [2.0, 1.0]) is None
+    clear = statistics.rank_correlation([1.0, 2.0, 3.0, 4.0, 5.0], [9.0, 7.0, 5.0, 3.0, 1.0])
+    assert clear is not None
+    assert (clear.value, clear.low, clear.high) == pytest.approx((-1.0, -1.0, -1.0))

@@ -18,6 +18,7 @@ from rich.console import Console
 from orchestrator import cluster
 from orchestrator.errors import SweepError
 from orchestrator.export import read_params, write_best
+from orchestrator.findings import find
 from orchestrator.ledger import Ledger
 from orchestrator.replay import replay
 from orchestrator.results import Results
@@ -189,7 +190,7 @@ with locked(Path({str(storage / "small")!r})):
 def test_exported_hyperparameters_come_back_as_the_next_sweeps(
     storage: Path, tmp_path: Path, ray_session: None
 ) -> None:
-    data = write_best(Results.open(storage, "small"), tmp_path / "best.yaml")
+    data = write_best(find(Results.open(storage, "small")), tmp_path / "best.yaml")
     assert yaml.safe_load((tmp_path / "best.yaml").read_text()) == data
     assert {"task", "agent", "source", "hyperparameters", "auc", "transfer_ratio", "seeds", "ties"} <= set(
         data["best"][0]

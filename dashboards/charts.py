@@ -1,0 +1,135 @@
+"""What a figure shows, as plain data: drawn in print by `printed`, and in the report by `web`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Numbers = tuple[float | None, ...]
+Band = tuple[Numbers, Numbers]
+"""(low, high)."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One agent's line, points or bars in a panel."""
+
+    agent: str
+    label: str
+    x: Numbers
+    y: Numbers
+    band: Band | None = None
+    """Interval of y; a shaded band about a line, error bars elsewhere."""
+    x_band: Band | None = None
+    """Interval of x, as error bars."""
+    form: Literal["line", "linked", "points", "bars"] = "line"
+    """linked: points with error bars, joined by a line."""
+    faint: bool = False
+    """Drawn thin: context, not the subject."""
+    hollow: bool = False
+    names: tuple[str, ...] = ()
+    """A word beside each point; empty: none."""
+    hover: tuple[str, ...] = ()
+    """What the report says of each point under the mouse."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """A reference line across a panel."""
+
+    value: float
+    label: str = ""
+    agent: str = ""
+    """Whose colour it has; empty: that of the axes."""
+    upright: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes."""
+
+    title: str
+    x_title: str
+    y_title: str
+    series: tuple[Series, ...]
+    target: str = ""
+    """The task that it is about: where a chart has many, the report shows one target at a time."""
+    levels: tuple[Level, ...] = ()
+    x_ticks: tuple[str, ...] = ()
+    """Names of the places 0, 1, ... along x; empty: x is a number."""
+    y_ticks: tuple[str, ...] = ()
+    """The same along y, from the top."""
+    x_log: bool = False
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure of one or more panels."""
+
+    name: str
+    """Its file in `figures`, and its id in the report."""
+    title: str
+    caption: str
+    """How to read it."""
+    alt: str
+    """What it shows, for one who cannot see it."""
+    panels: tuple[Panel, ...]
+    columns: int = 2
+    """Panels beside each other in print."""
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A table of transfer effects, coloured by their size."""
+
+    name: str
+    title: str
+    caption: str
+    rows: tuple[tuple[str, str, str], ...]
+    """(source task, kind of source, agent) of each."""
+    columns: tuple[str, ...]
+    """Target tasks."""
+    values: tuple[Numbers, ...]
+    """Transfer ratio, (rows, columns); None: undefined or not there."""
+    texts: tuple[tuple[str, ...], ...]
+    verdicts: tuple[tuple[str, ...], ...]
+    """helped, hurt or '' where nobody can tell."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of parallel coordinates."""
+
+    name: str
+    values: tuple[float, ...]
+    """One per configuration."""
+    ticks: tuple[str, ...] = ()
+    """Names of the values 0, 1, ... where they are no plain numbers."""
+
+
+@dataclass(frozen=True)
+class Parallel:
+    """Parallel coordinates: a line per configuration across its hyperparameters to its AUC, the last axis."""
+
+    name: str
+    title: str
+    caption: str
+    alt: str
+    panels: tuple[tuple[str, str, tuple[Axis, ...]], ...] = field(default=())
+    """(target, agent, axes)."""
+    columns: int = 3
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A figure that the sweep has no data for."""
+
+    name: str
+    title: str
+    reason: str
+    """One sentence."""
+
+
+Figure = Chart | Matrix | Parallel | Absent
