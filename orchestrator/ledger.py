@@ -40,7 +40,7 @@ class Ledger:
 
     def planned(self, stage: str) -> list[Cell]:
         """The cells of a stage as known now, those that a search has asked for included."""
-        return list(self._plan[stage].values())
+        return list(self._plan.get(stage, {}).values())
 
     def ended(self, cell: Cell, keep: bool = False) -> bool:
         """Whether there is nothing more to run. `keep`: the cell's knowledge must be in the library too."""

@@ -11,6 +11,7 @@ import pandas as pd
 
 from orchestrator.describe import COLUMNS, row
 from orchestrator.export import write_best
+from orchestrator.files import workbench
 from orchestrator.findings import Findings, find
 from orchestrator.results import Results
 from trainables.errors import InputError
@@ -46,13 +47,15 @@ def publish(results: Results) -> Published:
     """Write a sweep's tables (table.csv is the one for people: a row per configuration), report, figures, best.yaml."""
     findings = find(results, results.write_tables())
     table = pd.DataFrame([row(group) for group in findings.groups], columns=list(COLUMNS))
-    table.to_csv(results.folder / "table.csv", index=False)
-    report, *figures = dashboards().draw(findings)
-    best: Path | None = results.folder / "best.yaml"
-    try:
-        write_best(findings, results.folder / "best.yaml")
-    except InputError:
-        best = None
+    there = results.folder
+    with workbench(there) as folder:
+        table.to_csv(folder / "table.csv", index=False)
+        report, *figures = (there / path.relative_to(folder).as_posix() for path in dashboards().draw(findings, folder))
+        best: Path | None = there / "best.yaml"
+        try:
+            write_best(findings, folder / "best.yaml")
+        except InputError:
+            best = None
     return Published(findings, report, figures, best)
 
 

@@ -46,6 +46,8 @@ def run(
             sweep.transfer(sweep.train_sources())
         except InterruptedSweepError:
             tally.left = sum(not ledger.ended(cell) for stage in (SOURCE, TRANSFER) for cell in ledger.planned(stage))
+        except OSError as error:
+            raise SweepError(f"cannot write to {results.folder} ({error}); all earlier records are kept") from error
         ledger.close()
     tally.seconds = time.monotonic() - started
     return tally

@@ -28,6 +28,7 @@ from mlflow.tracking import MlflowClient
 from orchestrator.aggregates import NO_CURVE, Group, groups, mean_curves
 from orchestrator.describe import cell_name, group_name, markdown
 from orchestrator.errors import SweepError
+from orchestrator.files import local_copy
 from orchestrator.record import Head, Record
 from orchestrator.results import Results, cell_row
 from orchestrator.run_fields import CELL_METRICS, cell_tags, group_figures, thinned
@@ -120,8 +121,9 @@ class Mirror:
             self.write_group(group, curves.get(group.id, NO_CURVE))
         self._client.set_tag(self.parent, "mlflow.note.content", markdown(self._results, every))
         for path in artifacts:
-            folder = path.parent.relative_to(self._results.folder)
-            self._client.log_artifact(self.parent, str(path), None if folder == Path(".") else str(folder))
+            folder = Path(path.parent.relative_to(self._results.folder).as_posix())
+            with local_copy(path) as file:
+                self._client.log_artifact(self.parent, str(file), None if folder == Path(".") else str(folder))
         planned = {("cell", cell_id) for cell_id in cells["cell_id"]} | {("aggregate", group.id) for group in every}
         for key in set(self._known) - planned - {("sweep", "")}:
             self._client.delete_run(self._known.pop(key).run_id)

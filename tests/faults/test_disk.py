@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -33,7 +35,7 @@ def test_a_disk_that_is_full_while_records_are_written_stops_the_sweep_and_loses
             raise FULL
 
     with monkeypatch.context() as patch:
-        patch.setattr(record_log.os, "fsync", full)
+        patch.setattr(record_log, "os", SimpleNamespace(fsync=full, truncate=os.truncate))
         with pytest.raises(SweepError, match=r"cannot write a record .*No space left.*; all earlier ones are kept"):
             sweep(tmp_path)
     there = len(Results.open(tmp_path, "small").heads())

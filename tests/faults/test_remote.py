@@ -67,7 +67,7 @@ def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
     results = Results.open(storage, "small")
     assert timeless(results.tables()[1]).equals(points(calm_deep))
     names = {path.name for path in (storage / "small").iterdir()}
-    assert {"sweep.json", "plan.json", "cells.parquet", "points.parquet", "table.csv", "best.yaml", "driver.log"} <= names
+    assert {"plan.json", "points.parquet", "table.csv", "report.html", "figures", "best.yaml", "driver.log"} <= names
     assert not list((storage / "small" / "checkpoints").glob("*.checkpoint"))
     status = [sys.executable, "-m", "orchestrator.cli", "status", "small", "--storage", bucket, "--json"]
     told = json.loads(subprocess.run(status, capture_output=True, check=True, text=True).stdout)
