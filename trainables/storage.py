@@ -8,12 +8,12 @@ from typing import cast
 from trainables.errors import InputError
 
 
-def storage_path(text: str) -> Path:
+def storage_path(text: str | Path) -> Path:
     """The folder that `text` names: a path, or a URL, which then has Path's methods to read and to write.
 
     Raises InputError for a URL of an unknown protocol, or one whose package is not installed.
     """
-    if "://" not in text:
+    if isinstance(text, Path) or "://" not in text:
         return Path(text)
     from upath import UPath
 
