@@ -14,6 +14,8 @@ from orchestrator.aggregates import Group, groups, mean_curve
 from orchestrator.describe import settings_text, varied
 from orchestrator.results import Results
 from orchestrator.selection import select
+from trainables.plugins.names import short
+from trainables.tasks import parse_task
 
 OTHERS = 2
 """Most configurations of an agent that are drawn beside its best."""
@@ -31,7 +33,7 @@ def draw(results: Results) -> list[Path]:
         return []
     every = groups(cells)
     best = [selected.best for selected in select(every, cells).values()]
-    targets = [target for scenario in results.space().scenarios for target in scenario.targets]
+    targets = [parse_task(target).name for scenario in results.space().scenarios for target in scenario.targets]
     rows = [target for target in dict.fromkeys(targets) if any(group.task == target for group in best)]
     columns = [source for source in SOURCES if any(group.source == source for group in best)] or ["none"]
     if not rows:
@@ -42,7 +44,7 @@ def draw(results: Results) -> list[Path]:
         for j, source in enumerate(columns):
             here = [group for group in every if group.task == target and group.source in (source, "none")]
             _panel(axes[i, j], [group for group in here if group in best], _others(here, best), cells, points)
-            axes[i, j].set_title(f"{target}\n{SOURCES.get(source, '')}".strip(), fontsize=9)
+            axes[i, j].set_title(f"{short(target)}\n{SOURCES.get(source, '')}".strip(), fontsize=9)
             axes[i, j].set_xlabel("training episode", labelpad=1)
         axes[i, 0].set_ylabel("greedy return")
     seeds = sorted({len(group.seeds) for group in best})
@@ -66,7 +68,7 @@ def _panel(
     ):
         curve = mean_curve(points, cells, group.id)
         own = settings_text(varied(group.agent, group.task, group.hyperparameters))
-        label = group.agent if own == "-" else f"{group.agent} ({own})"
+        label = short(group.agent) + ("" if own == "-" else f" ({own})")
         colour: Any = COLOURS.get(group.agent)
         line: Any = LINES.get(group.agent, "-")
         width, band = (1.3, 0.18) if group in best else (0.7, 0.08)
