@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 from pathlib import Path
@@ -21,10 +22,16 @@ from search_spaces import SearchSpace, load, narrow
 from trainables.errors import InputError
 from trainables.own import load as load_name
 from trainables.plugins import files
+from trainables.rates import measure
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
 SHORT = {"episodes": 4, "evaluate_every": 2, "evaluation_episodes": 2, "hidden_size": 8, "batch_size": 8}
+
+
+@pytest.fixture(autouse=True)
+def _short_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("orchestrator.forecast.measure", functools.partial(measure, seconds=0.05))
 
 
 @pytest.fixture
