@@ -9,6 +9,7 @@ from dashboards.style import rank
 from orchestrator.aggregates import Group
 from orchestrator.describe import settings_text, varied
 from orchestrator.findings import Findings
+from trainables.plugins.names import short
 
 SOURCES = {"learned": "learned source", "exact": "exact source"}
 
@@ -32,12 +33,12 @@ def settings(group: Group, hide: Collection[str] = ()) -> str:
 def label(group: Group, hide: Collection[str] = ()) -> str:
     """'agent (settings)', without the settings in `hide`."""
     own = settings(group, hide)
-    return f"{group.agent} ({own})" if own else group.agent
+    return f"{short(group.agent)} ({own})" if own else short(group.agent)
 
 
 def heading(target: str, source: str) -> str:
     """'target, learned source'."""
-    return f"{target}, {SOURCES[source]}" if source in SOURCES else target
+    return f"{short(target)}, {SOURCES[source]}" if source in SOURCES else short(target)
 
 
 def in_order(groups: Iterable[Group]) -> list[Group]:

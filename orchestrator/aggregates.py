@@ -13,7 +13,7 @@ from scipy import stats
 
 from orchestrator import statistics
 from orchestrator.statistics import Estimate, TransferRatio
-from trainables.agents import AGENTS
+from trainables.agents import agent_named
 
 Values = Mapping[str, Any]
 
@@ -80,7 +80,7 @@ def groups(cells: pd.DataFrame) -> list[Group]:
 def _base_key(row: pd.Series, agent: str | None = None) -> tuple[str, str, str]:
     """(task, agent, hyperparameters): what a cell without transfer must share with a cell that is held against it."""
     name = agent or str(row["agent"])
-    known = AGENTS[name].hyperparameters.model_fields
+    known = agent_named(name).hyperparameters.model_fields
     values = {key: value for key, value in json.loads(row["hyperparameters"]).items() if key in known}
     return str(row["task"]), name, json.dumps(values, sort_keys=True)
 
@@ -88,7 +88,7 @@ def _base_key(row: pd.Series, agent: str | None = None) -> tuple[str, str, str]:
 def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], pd.DataFrame]) -> Group:
     first = frame.iloc[0]
     done = frame[frame["status"] == "done"]
-    base = AGENTS[str(first["agent"])].base
+    base = agent_named(str(first["agent"])).base
     without = bases.get(_base_key(first, base)) if base else None
     return Group(
         id=key,

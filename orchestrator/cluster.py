@@ -43,7 +43,7 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
         yield
         return
     if address is None:
-        cpus = math.ceil(workers * resources.cpus) if workers else _own_cpus()
+        cpus = math.ceil(workers * resources.cpus) if workers else own_cpus()
         ray.init(address="local", num_cpus=cpus, include_dashboard=False, **_QUIET)
     else:
         _join(address)
@@ -184,7 +184,8 @@ def _sees(path: str, token: str) -> bool:
     return probe.exists() and probe.read_text() == token
 
 
-def _own_cpus() -> int:
+def own_cpus() -> int:
+    """The CPUs that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

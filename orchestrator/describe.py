@@ -14,6 +14,7 @@ from orchestrator.results import Results
 from orchestrator.statistics import LEVEL, Estimate, TransferRatio
 from trainables.agents import agent_named
 from trainables.cell import Cell
+from trainables.plugins.names import short
 from trainables.tasks import parse_task
 
 COLUMNS = (
@@ -48,19 +49,19 @@ def settings_text(values: Mapping[str, Any]) -> str:
 
 def cell_name(cell: Cell) -> str:
     """A cell's name for people; MLflow refuses brackets and equal signs in names."""
-    parts = [cell.agent, _short(cell.task), cell.source.kind if cell.source else "", f"seed {cell.seed}"]
+    parts = [_short(cell.agent), _short(cell.task), cell.source.kind if cell.source else "", f"seed {cell.seed}"]
     return " / ".join(part for part in parts if part)
 
 
 def group_name(group: Group) -> str:
     """A group's name for people."""
     text = settings_text(varied(group.agent, group.task, group.hyperparameters)).replace("=", " ")
-    parts = [group.agent, _short(group.task), group.source if group.source != "none" else "", text]
+    parts = [_short(group.agent), _short(group.task), group.source if group.source != "none" else "", text]
     return " / ".join(part for part in parts if part and part != "-")
 
 
 def _short(task: str) -> str:
-    return task.replace("=", " ").replace("[", "(").replace("]", ")").replace(":", " ")
+    return short(task).replace("=", " ").replace("[", "(").replace("]", ")").replace(":", " ")
 
 
 def shared(groups: Sequence[Group]) -> dict[str, Any]:
@@ -79,8 +80,8 @@ def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
     seeds += f", {group.missing} missing" if group.missing else ""
     mean = "-" if group.auc is None else f"{group.auc.value:.2f} ({group.auc_sd:.2f})"
     return (
-        group.task,
-        group.agent,
+        short(group.task),
+        short(group.agent),
         group.source,
         settings_text({name: value for name, value in own.items() if name not in hide}),
         seeds,

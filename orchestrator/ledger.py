@@ -14,6 +14,7 @@ from orchestrator.provenance import commit, versions
 from orchestrator.record import Record
 from orchestrator.results import Results, cell_row
 from orchestrator.source_library import SourceLibrary
+from search_spaces import SearchSpace
 from trainables.cell import Cell
 from trainables.curve import auc
 from trainables.knowledge import Knowledge
@@ -22,12 +23,13 @@ from trainables.knowledge import Knowledge
 class Ledger:
     """The one writer of a sweep's records and of the source library."""
 
-    def __init__(self, results: Results, retry_failed: bool) -> None:
+    def __init__(self, results: Results, retry_failed: bool, space: SearchSpace | None = None) -> None:
+        """space: what is asked for; default: what the folder of `results` says."""
         self.library = SourceLibrary(results.storage)
         self.checkpoints = results.folder / "checkpoints"
         self._results = results
         self._retry_failed = retry_failed
-        self._stops = results.space().search.scheduler is not None
+        self._stops = (space or results.space()).search.scheduler is not None
         self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in results.plan().items()}
         self._heads = results.heads()
         self._new: set[str] = set()

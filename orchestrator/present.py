@@ -25,6 +25,24 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], title: s
     return result
 
 
+def duration(seconds: float) -> str:
+    """'40 ms', '3 s', '12 min', '5.2 h'."""
+    if seconds < 1:
+        return f"{1000 * seconds:.0f} ms"
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+
+
+def span(low: float, high: float) -> str:
+    """'3 to 12 min' of two numbers of seconds; one duration where they read the same."""
+    first, last = duration(low), duration(high)
+    if first == last:
+        return last
+    (number, unit), (_, other) = first.split(), last.split()
+    return f"{number} to {last}" if unit == other else f"{number} {unit} to {last}"
+
+
 def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | None = None) -> Table:
     """Groups under the columns of the results table, task by task; green where transfer helped, red where it hurt.
 
@@ -37,7 +55,7 @@ def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | 
         of = (tried or {}).get(group.id, 1)
         cells[3] += f" (best of {of})" if of > 1 else ""
         cells[-2:] = [Text(str(cell), style=_colour(group)) for cell in cells[-2:]]
-        lines.append(("" if group.task == last else group.task, *cells[1:]))
+        lines.append(("" if group.task == last else cells[0], *cells[1:]))
         last = group.task
     return table(COLUMNS, lines, title + (f"; all with {settings_text(common)}" if common else ""))
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from orchestrator.record import Record
 from trainables.atomic import write_atomic
 from trainables.curve import auc
+from trainables.plugins.names import short
 
 FILE = ".progress.json"
 
@@ -90,7 +91,7 @@ class Progress:
         self._count[record.status] += 1
         self._steps += int((record.points["step"] or [0])[-1] or 0)
         if record.status == "done":
-            score = auc(record.returns), f"{record.cell.agent} on {record.cell.task}"
+            score = auc(record.returns), short(f"{record.cell.agent} on {record.cell.task}")
             self._best = max(self._best or score, score)
 
     def over(self, cell: str) -> None:

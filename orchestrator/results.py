@@ -19,6 +19,7 @@ from typing import Any
 
 import pandas as pd
 
+from orchestrator import own_notes
 from orchestrator.files import absolute, make_folder
 from orchestrator.provenance import commit, versions
 from orchestrator.record import Head, Record
@@ -45,6 +46,7 @@ class Results:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.log = RecordLog(folder / "records")
+        own_notes.recall(folder)
 
     @classmethod
     def create(cls, storage: Path, name: str, space: SearchSpace) -> Results:
@@ -66,6 +68,7 @@ class Results:
         meta = {"schema": 1, "name": name, "created": created, "space": space.to_json()}
         meta |= {"commit": commit(), "versions": versions()}
         write_atomic(results.folder / "sweep.json", json.dumps(meta, indent=1).encode())
+        own_notes.keep(results.folder, space)
         return results
 
     @classmethod

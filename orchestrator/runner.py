@@ -20,6 +20,7 @@ from orchestrator.settings import Resources
 from orchestrator.work_queue import WorkQueue
 from trainables import curve
 from trainables.cell_run import Outcome, stopped
+from trainables.plugins import files
 from trainables.trainable import run_cells
 
 Take = Callable[[list[Outcome]], None]
@@ -144,6 +145,7 @@ def run_stage(
         keep=shipment.keep,
         checkpoints=str(shipment.checkpoints) if shipment.checkpoints else None,
         checkpoint_seconds=shipment.checkpoint_seconds,
+        own=files.packed(),
     )
     with Interrupt(shipment.checkpoints) as interrupt:
         tuner = tune.Tuner(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -20,6 +20,7 @@ from orchestrator.results import Results
 from orchestrator.selection import select
 from orchestrator.settings import Settings, Tally
 from orchestrator.stage import OnRecord, Stages, Work
+from trainables.cell import Cell
 
 SOURCE, TRANSFER = "source", "transfer"
 """The stages."""
@@ -65,30 +66,19 @@ class _Sweep:
         pairs = source_pairs(self._space, self._params)
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
         self._run(SOURCE, [pair for pair in pairs if pair is not None and pair.task not in self._given], keep)
+        planned = self._ledger.planned(SOURCE)
         return [
             SourceChoice({}, {})
             if pair is None
             else given.choice(pair, self._given[pair.task])
             if pair.task in self._given
-            else self._choose(pair)
+            else choose(self._ledger, pair, planned)
             for pair in pairs
         ]
 
     def transfer(self, choices: Sequence[SourceChoice]) -> None:
         """Stage 2."""
         self._run(TRANSFER, transfer_pairs(self._space, choices, self._params), keep=False)
-
-    def _choose(self, pair: Pair) -> SourceChoice:
-        cells = [cell for cell in self._ledger.planned(SOURCE) if pair.owns(cell)]
-        table = self._ledger.table(cells, SOURCE)
-        selected = select(groups(table), table).get(pair.key)
-        if selected is None:
-            errors = table["error"].dropna()
-            why = f"; the first error: {errors.iloc[0]}" if len(errors) else ""
-            raise SweepError(f"no configuration of {pair.agent} on the source task {pair.task} has all its seeds{why}")
-        best = {name: value for name, value in selected.best.hyperparameters.items() if name in pair.swept}
-        chosen = [cell for cell in cells if cell.group == selected.best.id]
-        return SourceChoice(best, {cell.seed: self._ledger.source_run(cell) for cell in chosen})
 
     def _run(self, stage: str, pairs: Sequence[Pair], keep: bool) -> None:
         """Plan a stage and run what it lacks."""
@@ -101,6 +91,23 @@ class _Sweep:
         work = Work(stage, pairs, [cell for cell in cells if not ledger.ended(cell, keep)], keep)
         if work.missing or tuned:
             self._stages.run(work)
+
+
+def choose(ledger: Ledger, pair: Pair, planned: Iterable[Cell]) -> SourceChoice:
+    """The outcome of stage 1 for one source's pair, whose cells are among `planned` and have ended.
+
+    Raises SweepError where no configuration has all its seeds.
+    """
+    cells = [cell for cell in planned if pair.owns(cell)]
+    table = ledger.table(cells, SOURCE)
+    selected = select(groups(table), table).get(pair.key)
+    if selected is None:
+        errors = table["error"].dropna()
+        why = f"; the first error: {errors.iloc[0]}" if len(errors) else ""
+        raise SweepError(f"no configuration of {pair.agent} on the source task {pair.task} has all its seeds{why}")
+    best = {name: value for name, value in selected.best.hyperparameters.items() if name in pair.swept}
+    chosen = [cell for cell in cells if cell.group == selected.best.id]
+    return SourceChoice(best, {cell.seed: ledger.source_run(cell) for cell in chosen})
 
 
 def _drawn(pair: Pair, space: Any) -> Pair:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from search_spaces.own_names import pinned
 from search_spaces.space import SearchSpace
 from trainables.errors import InputError, from_validation, unknown
 
@@ -62,14 +64,17 @@ def built_in() -> dict[str, Path]:
     return {path.stem.replace("_", "-"): path for path in sorted(FOLDER.glob("*.yaml"))}
 
 
-def parse(where: str, data: object) -> SearchSpace:
-    """The search space in `data`; InputError that starts with `where` for anything wrong in it."""
+def parse(where: str, data: object, folders: Sequence[Path] = ()) -> SearchSpace:
+    """The search space in `data`; InputError that starts with `where` for anything wrong in it.
+
+    folders: where the files of own tasks and agents are looked for, and run. None is run where there are none.
+    """
     if not isinstance(data, dict):
         raise InputError(f"{where}: a search space must be a mapping of keys to values")
     if "schema" not in data:
         raise InputError(f"{where}: schema is missing (this version reads schema: 1)")
     try:
-        return SearchSpace.model_validate(data)
+        return SearchSpace.model_validate(pinned(data, folders) if folders else data)
     except ValidationError as error:
         raise from_validation(where, error) from None
     except InputError as error:
@@ -77,10 +82,13 @@ def parse(where: str, data: object) -> SearchSpace:
 
 
 def load(name: str) -> SearchSpace:
-    """The built-in search space called `name`, or the one in the YAML file `name`."""
+    """The built-in search space called `name`, or the one in the YAML file `name`.
+
+    The own files that a YAML file names are looked for beside it, then in the current folder, and run.
+    """
     if name in built_in():
         return parse(name, read_yaml(built_in()[name]))
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.is_file():
-        return parse(str(path), read_yaml(path))
+        return parse(str(path), read_yaml(path), (path.parent, Path()))
     raise unknown("search space (or YAML file)", name, built_in())

@@ -9,6 +9,8 @@ from search_spaces.files import parse
 from search_spaces.space import SearchSpace
 from trainables.agents import agent_named
 from trainables.errors import InputError, unknown
+from trainables.plugins.files import pin
+from trainables.plugins.names import by_file
 from trainables.tasks import families, parse_task
 
 
@@ -25,6 +27,7 @@ def narrow(
     seeds and hyperparameters replace the space's own. Raises InputError for what the space does not have.
     """
     data: dict[str, Any] = space.to_json()
+    tasks, agents = [_canonical(name) for name in tasks], [_canonical(name) for name in agents]
     if tasks:
         data["scenarios"] = _with_tasks(data["scenarios"], tasks)
     for name in agents:
@@ -36,6 +39,11 @@ def narrow(
         data["seeds"] = seeds
     _settle(data, hyperparameters or {})
     return parse(space.name, data)
+
+
+def _canonical(name: str) -> str:
+    """The name; of own code by file, whose file is run, with the hash of its content."""
+    return pin(name) if by_file(name) else name
 
 
 def _settle(data: dict[str, Any], given: Mapping[str, Any]) -> None:

@@ -12,7 +12,9 @@ Scalar = float | int | str | bool
 class Strict(BaseModel):
     """Data that refuses unknown keys and never reads a number from text."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 class Grid(Strict):
@@ -56,4 +58,7 @@ def _read(value: Any, info: ValidationInfo) -> Any:
     return Grid(values=tuple(value) if isinstance(value, list) else (value,))
 
 
-Options = Annotated[Grid | Range, BeforeValidator(_read)]
+Options = Annotated[
+    Grid | Range,
+    BeforeValidator(_read, json_schema_input_type=Scalar | Annotated[list[Scalar], Field(min_length=1)] | Grid | Range),
+]

@@ -86,3 +86,10 @@ def test_there_is_something_to_check() -> None:
     assert len(COMMANDS) > 5
     assert len(MENTIONS) > 5
     assert len(MESSAGES) > 40
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "docs" / "examples").glob("*.py")), ids=lambda path: path.name)
+def test_an_example_is_in_its_page_word_for_word(example: Path) -> None:
+    pages = [page.read_text() for page in (ROOT / "docs").glob("own_*.md")]
+    code = [block.strip() for page in pages for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL)]
+    assert example.read_text().partition('"""\n\n')[2].strip() in code

@@ -77,7 +77,7 @@ class Cell(BaseModel):
         if source is not None:
             source = _checked(source, named.kind)
         try:
-            return cls(agent=agent, task=parsed.name, seed=seed, hyperparameters=full, source=source)
+            return cls(agent=named.name, task=parsed.name, seed=seed, hyperparameters=full, source=source)
         except ValidationError as error:
             raise from_validation("cell", error) from None
 

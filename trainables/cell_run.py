@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import time
-import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from trainables import checkpoint, curve
 from trainables.cell import Cell
 from trainables.evaluation import EvalPoint
 from trainables.knowledge import Knowledge
+from trainables.plugins.files import in_words
 from trainables.training import Training, train
 
 Outcome = dict[str, Any]
@@ -119,8 +119,7 @@ class _Caught:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> bool:
         if not isinstance(error, Exception):
             return False
-        where = traceback.extract_tb(trace)[-1]
-        self._run.error = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
+        self._run.error = in_words(error)
         self._run.ended = True
         return True
 

@@ -22,6 +22,7 @@ from trainables.errors import InputError
 from trainables.evaluation import EvalPoint
 from trainables.knowledge import Knowledge
 from trainables.lockstep import lockstep
+from trainables.plugins import files
 from trainables.storage import storage_path
 from trainables.tasks import families, parse_task
 from trainables.threads import one_thread
@@ -106,18 +107,20 @@ def run_cells(
     keep: bool = False,
     checkpoints: str | None = None,
     checkpoint_seconds: float = 5.0,
+    own: Mapping[str, bytes] | None = None,
 ) -> None:
     """A sweep's trainable: run the cells of config["cells"] one after the other, and report what comes of each.
 
     config["together"]: run them side by side, and report after each evaluation for a scheduler to judge.
     sources: the arrays of each source, by `Cell.source_key`. keep: whether what each has learned is wanted too.
     checkpoints: the folder for the states of long cells, each saved once in `checkpoint_seconds` at the most; a file
-    STOP in it asks for a checkpoint and an end.
+    STOP in it asks for a checkpoint and an end. own: the own files that the driver has loaded (`plugins.files.packed`).
     The first report has `worker`, where this is. A later one has `ended`, the outcomes that the sweep's callback takes
     over; or `progress`, the share of a long cell that is done; or `evaluations`, `score` and the curves' new `points`.
     A cell that fails is an outcome like another, and the next one runs.
     """
     one_thread()
+    files.install(own or {})
     tune.report({"worker": {"pid": os.getpid(), "node": ray.get_runtime_context().get_node_id()}})
     folder = storage_path(checkpoints) if checkpoints else None
     options: dict[str, Any] = {"keep": keep, "checkpoints": folder, "checkpoint_seconds": checkpoint_seconds}

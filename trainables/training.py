@@ -50,7 +50,7 @@ class Training(Iterator[EvalPoint]):
 
     def __init__(self, cell: Cell, source: Knowledge | None = None) -> None:
         self.cell = cell
-        self._learner = _learner(cell, source)
+        self._learner = new_learner(cell, source)
         self._episodes: int | None = None
         self._started = time.perf_counter()
 
@@ -119,7 +119,12 @@ def exact_source(task: str, gamma: float) -> Knowledge:
     return Knowledge({"q": exact_q(parse_task(task).name, gamma)})
 
 
-def _learner(cell: Cell, source: Knowledge | None) -> Learner:
-    module, _, name = agent_named(cell.agent).learner.partition(":")
-    learner: Learner = getattr(import_module(module), name)(cell, source)
+def new_learner(cell: Cell, source: Knowledge | None) -> Learner:
+    """The learner of `cell`, before its first episode."""
+    agent = agent_named(cell.agent)
+    made = agent.learner
+    if isinstance(made, str):
+        module, _, name = made.partition(":")
+        made = getattr(import_module(module), name)
+    learner: Learner = made(cell, source)
     return learner

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.commands.app import Json, app, out, print_json, print_named
+from orchestrator.commands.app import Json, app, canonical, out, print_json, print_named
 
 
 @app.command()
@@ -20,9 +20,9 @@ def tasks(as_json: Json = False) -> None:
     `supply_chain:demand_mean=5`; 2x means twice the default. Quote names with brackets.
     """
     from orchestrator.present import table, task_data
-    from trainables.tasks import families
+    from trainables.tasks import all_families
 
-    data = [task_data(family) for family in families().values()]
+    data = [task_data(family) for family in all_families()]
     if as_json:
         print_json(data)
         return
@@ -33,16 +33,16 @@ def tasks(as_json: Json = False) -> None:
             for f in family["features"]
         ]
         out.print(table(("feature", "default", "meaning", "named values"), rows))
-        out.print(f"targets of the paper: {', '.join(family['paper_targets'])}\n")
+        out.print(f"target tasks: {', '.join(family['paper_targets']) or '-'}\n")
 
 
 @app.command()
 def agents(as_json: Json = False) -> None:
     """List the agents and their hyperparameters."""
     from orchestrator.present import agent_data, table
-    from trainables.agents import AGENTS
+    from trainables.agents import agents as registered
 
-    data = [agent_data(agent) for agent in AGENTS.values()]
+    data = [agent_data(agent) for agent in registered().values()]
     if as_json:
         print_json(data)
         return
@@ -55,11 +55,19 @@ def agents(as_json: Json = False) -> None:
 @app.command()
 def spaces(
     name: Annotated[str | None, typer.Argument(help="Show this one's YAML, to start your own from.")] = None,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Print the JSON Schema of search spaces, for editors.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """List the built-in search spaces, or show one: `deltatune spaces demo > mine.yaml`."""
     from orchestrator.present import table
     from search_spaces import built_in, load
+    from search_spaces.schema import json_schema
+
+    if schema:
+        print_json(json_schema())
+        return
 
     if name is not None:
         space = load(name)
@@ -86,7 +94,7 @@ def bounds(
     from orchestrator.present import table
     from trainables.delta.bounds import bounds as compute
 
-    data = asdict(compute(source, target, gamma))
+    data = asdict(compute(canonical(source), canonical(target), gamma))
     if as_json:
         print_json(data)
     else:

@@ -36,6 +36,7 @@ def sweep(
     cpus_per_cell: Annotated[float, typer.Option(min=0.01, help="CPUs of a cell; a fraction shares one.")] = 1.0,
     gpus_per_cell: Annotated[float, typer.Option(min=0, help="GPUs of a cell; a fraction shares one.")] = 0.0,
     memory_per_cell: Annotated[float, typer.Option(min=0, help="GiB of memory to reserve for a cell.")] = 0.0,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would do and cost.")] = False,
     mlflow: Annotated[bool, typer.Option(help="Record in MLflow.")] = True,
     tracking_uri: TrackingUri = None,
     as_json: Json = False,
@@ -74,6 +75,11 @@ def sweep(
         given=given.runs(sources, chosen.seeds),
     )
     uri = store_uri(storage, tracking_uri) if mlflow else None
+    if dry_run:
+        from orchestrator.commands.dry_run import say_forecast
+
+        say_forecast(chosen, how, Results(storage / (name or chosen.name)), as_json)
+        return
     if address:
         from orchestrator.cluster import check_address
 

@@ -145,12 +145,16 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
 def replay(
     cell_id: Annotated[str, typer.Argument(help="16 hexadecimal digits: the name of a file in SWEEP/cells.")],
     name: Annotated[str | None, typer.Option("--sweep", help="Look in this sweep alone.")] = None,
+    file: Annotated[list[str] | None, typer.Option("--file", help="Run this own file first; repeat for more.")] = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
     """Run one recorded cell again in this process, and say whether every bit of its curve agrees (exit 1 if not)."""
     from orchestrator.replay import replay as run_again
+    from trainables.plugins.files import load_file
 
+    for path in file or ():
+        load_file(path)
     found = run_again(storage, cell_id, name)
     if as_json:
         print_json(asdict(found))

@@ -111,6 +111,8 @@ def test_every_command_has_help(terminal: Terminal) -> None:
         "replay",
         "report",
         "ui",
+        "check",
+        "init",
     ):
         code, out, _ = terminal.run(command, "--help")
         assert code == 0
@@ -233,3 +235,40 @@ def test_a_bad_space_file_is_one_sentence_with_its_name(
 def test_a_file_that_is_no_mapping_is_one_sentence(terminal: Terminal, space_file: Path, text: str) -> None:
     space_file.write_text(text)
     assert str(space_file) in terminal.refused("sweep", str(space_file))
+
+
+def test_check_says_whether_a_task_is_sound(
+    terminal: Terminal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(Path(__file__).parents[1] / "trainables" / "plugins" / "bad_tasks.py", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = terminal.run("check", "bad_tasks.py:Good", "--json")
+    data = json.loads(out)
+    assert (code, data["sound"], data["costs"]) == (1, False, [])
+    assert [f["question"] for f in data["findings"] if f["passed"] is False] == ["idle acts"]
+    data = terminal.json("check", "bad_tasks.py:Cut")
+    assert data["sound"] is True
+    assert data["environment_steps_per_second"] > 0
+    assert [cost["agent"] for cost in data["costs"]] == ["dqn", "delta_es"]
+    assert all(0 < cost["seconds_low"] <= cost["seconds_high"] for cost in data["costs"])
+    assert "unknown task 'bad_tasks'" in terminal.refused("check", "bad_tasks")
+    assert "bad_tasks.py has no 'Goood'; did you mean 'Good'?" in terminal.refused("check", "bad_tasks.py:Goood")
+
+
+def test_init_writes_a_file_once_that_a_dry_run_reads(
+    terminal: Terminal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = terminal.run("init", "supply_chain")
+    assert code == 0
+    assert yaml.safe_load(out)["name"] == "supply-chain"
+    assert terminal.run("init", "supply_chain", "-o", "mine.yaml")[0] == 0
+    assert yaml.safe_load(Path("mine.yaml").read_text()) == yaml.safe_load(out)
+    assert "mine.yaml is there already" in terminal.refused("init", "supply_chain", "-o", "mine.yaml")
+    data = terminal.json("sweep", "mine.yaml", "--dry-run", "--seeds", "1", "--agents", "q_learning")
+    assert [(stage["stage"], stage["cells"], stage["done"]) for stage in data["stages"]] == [
+        ("source", 2, 0),
+        ("transfer", 2, 0),
+    ]
+    assert 0 < data["seconds"][0] <= data["seconds"][1]
+    assert not Path("results").exists()

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import ValidationError
 
 from trainables.agents import hyperparameters as hp
+from trainables.agents import own_agent
 from trainables.errors import InputError, from_validation, unknown
+from trainables.plugins import installed
 from trainables.tasks import Task, families
 
-__all__ = ["AGENTS", "Agent", "agent_named"]
+__all__ = ["AGENTS", "Agent", "agent_named", "agents"]
 
 
 @dataclass(frozen=True)
@@ -23,9 +26,11 @@ class Agent:
     hyperparameters: type[hp.Hyperparameters]
     base: str | None
     """The agent without transfer that this one is compared with and whose source it uses; None: it is one itself."""
-    learner: str
-    """`module:Class` of the learner, imported when a cell is trained."""
+    learner: str | Callable[..., Any]
+    """The learner's class, or the `module:Class` of one that is imported when a cell is trained."""
     kind: Literal["tabular", "deep"] = "tabular"
+    origin: Literal["built-in", "own", "missing"] = "built-in"
+    """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
 
     @property
     def needs_source(self) -> bool:
@@ -37,16 +42,18 @@ class Agent:
 
         Raises InputError for a wrong key, type or range, or where the agent cannot learn this task.
         """
-        if self.kind == "tabular" and not task.tabular:
+        if "missing" in (self.origin, task.family.origin):
+            pass
+        elif self.kind == "tabular" and not task.tabular:
             tabular = [name for name, family in families().items() if family.model is not None]
             raise InputError(f"{self.name} needs a tabular task ({', '.join(tabular)}), which {task.name} is not")
-        if self.kind == "deep" and task.tabular:
+        elif self.kind == "deep" and task.tabular:
             deep = [name for name, family in families().items() if family.model is None]
             raise InputError(f"{self.name} needs a task with vector observations ({', '.join(deep)}), not {task.name}")
         known = self.hyperparameters.model_fields
         own = {key: value for key, value in task.family.defaults.items() if key in known and self._takes(key)}
         for key in given:
-            if key not in known:
+            if key not in known and self.origin != "missing":
                 raise unknown(f"hyperparameter of {self.name}", key, known)
         try:
             return self.hyperparameters.model_validate(own | given)
@@ -98,8 +105,20 @@ AGENTS: dict[str, Agent] = {
 }
 
 
+def agents() -> dict[str, Agent]:
+    """The registered agents by name, those of installed packages included; InputError where a name is taken twice."""
+    installed.check_names("agent", AGENTS)
+    return AGENTS | {name: agent_named(name) for name in installed.names("agent")}
+
+
 def agent_named(name: str) -> Agent:
-    """The agent called `name`; InputError with the list of what there is."""
-    if name not in AGENTS:
-        raise unknown("agent", name, AGENTS)
-    return AGENTS[name]
+    """The agent called `name`; InputError with the list of what there is.
+
+    A name of own code whose file or package is not there gives a stand-in, which can be read of and not trained.
+    """
+    if name in AGENTS:
+        return AGENTS[name]
+    found = own_agent.agent(name)
+    if found is None:
+        raise unknown("agent", name, [*AGENTS, *installed.names("agent")])
+    return found

@@ -7,10 +7,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
-from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 
 from trainables.agents.matmul import F32
 from trainables.errors import InputError
+from trainables.tasks.wrappers import unwrap
 
 
 class _Unchecked(Discrete):
@@ -33,7 +33,7 @@ class Environment:
         self._space = env.observation_space
         self.inputs = int(gymnasium.spaces.flatdim(self._space))
         self._plain = isinstance(self._space, Box) and self._space.shape == (self.inputs,)
-        self._env, self.time_limit = _unwrap(env)
+        self._env, self.time_limit = unwrap(env)
         self._env.action_space = _Unchecked(self.actions, start=self._first)
         self._left = self.time_limit
 
@@ -53,13 +53,3 @@ class Environment:
         if not self._plain:
             observation = gymnasium.spaces.flatten(self._space, observation)
         return np.array(observation, dtype=np.float32)
-
-
-def _unwrap(env: gymnasium.Env) -> tuple[gymnasium.Env, int]:
-    """The environment without the wrappers that only count steps or check calls, and its time limit."""
-    limit = 2**62
-    while isinstance(env, TimeLimit | OrderEnforcing | PassiveEnvChecker):
-        if isinstance(env, TimeLimit):
-            limit = min(limit, int(env._max_episode_steps))
-        env = env.env
-    return env, limit

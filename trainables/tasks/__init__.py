@@ -5,10 +5,11 @@ from __future__ import annotations
 import functools
 
 from trainables.errors import InputError, unknown
-from trainables.tasks import gym_task
+from trainables.plugins import installed, names
+from trainables.tasks import gym_task, own_task
 from trainables.tasks.task import ContextFeature, Task, TaskFamily, Value, split_features
 
-__all__ = ["ContextFeature", "Task", "TaskFamily", "Value", "families", "parse_task"]
+__all__ = ["ContextFeature", "Task", "TaskFamily", "Value", "all_families", "families", "parse_task"]
 
 
 @functools.cache
@@ -17,17 +18,33 @@ def families() -> dict[str, TaskFamily]:
     from trainables.tasks import acrobot, cartpole, lunar_lander, reacher, supply_chain, windy_gridworld
 
     modules = (windy_gridworld, supply_chain, cartpole, acrobot, lunar_lander, reacher)
-    return {module.FAMILY.name: module.FAMILY for module in modules}
+    found = {module.FAMILY.name: module.FAMILY for module in modules}
+    installed.check_names("task", found)
+    return found
+
+
+def all_families() -> list[TaskFamily]:
+    """The registered task families, those of installed packages included."""
+    brought = [own_task.installed_family(name) for name in installed.names("task")]
+    return [*families().values(), *(family for family in brought if family is not None)]
+
+
+def parse_task(text: str) -> Task:
+    """The task called NAME[:FEATURE=VALUE,...], gym:ENV_ID[:attribute.path=VALUE,...] or FILE.py@PIN:NAME[:...].
+
+    Raises InputError for an unknown name or feature (with the list of what there is), a value out of its
+    range, and a feature that is given twice. A task whose file or package is not there can be read, not built.
+    """
+    text = text.strip()
+    return _task(text, *own_task.family(text)) if names.own(text) else _known(text)
 
 
 @functools.lru_cache(maxsize=1024)
-def parse_task(text: str) -> Task:
-    """The task called NAME[:FEATURE=VALUE,...], or gym:ENV_ID[:attribute.path=VALUE,...].
+def _known(text: str) -> Task:
+    return _task(text, *_family(text))
 
-    Raises InputError for an unknown name or feature (with the list of what there is), a value out of its
-    range, and a feature that is given twice.
-    """
-    family, features = _family(text.strip())
+
+def _task(text: str, family: TaskFamily, features: str) -> Task:
     values: dict[str, Value] = {}
     for part in split_features(features):
         key, equals, value = part.partition("=")
@@ -50,6 +67,9 @@ def _family(text: str) -> tuple[TaskFamily, str]:
         paths = tuple(part.partition("=")[0].strip() for part in split_features(features))
         return gym_task.family(name, paths), features
     name, _, features = text.partition(":")
-    if name not in families():
-        raise unknown("task", name, families())
-    return families()[name], features
+    if name in families():
+        return families()[name], features
+    found = own_task.installed_family(name)
+    if found is None:
+        raise unknown("task", name, [*families(), *installed.names("task")])
+    return found, features

@@ -26,6 +26,13 @@ def build(context: Context) -> gymnasium.Env:
     return TimeLimit(env, int(context["limit"]))
 
 
+def plain() -> gymnasium.Env:
+    """Gymnasium's own."""
+    import gymnasium
+
+    return gymnasium.make("Acrobot-v1")
+
+
 FAMILY = TaskFamily(
     name="acrobot",
     description="swing a two-link arm up to a height; -1 a step, 500 steps at most",
@@ -38,4 +45,5 @@ FAMILY = TaskFamily(
     defaults={"episodes": 2000, "hidden_size": 256, "batch_size": 128, "target_update": 1000},
     targets=("acrobot:link_mass=1.5", "acrobot:link_mass=2"),
     build=build,
+    plain=plain,
 )

@@ -25,6 +25,13 @@ def build(context: Context) -> gymnasium.Env:
     return TimeLimit(env, int(context["limit"]))
 
 
+def plain() -> gymnasium.Env:
+    """Gymnasium's own, with the paper's limit."""
+    import gymnasium
+
+    return gymnasium.make("CartPole-v1", max_episode_steps=200)
+
+
 FAMILY = TaskFamily(
     name="cartpole",
     description="balance a pole on a cart; +1 a step until it falls, 200 steps at most",
@@ -38,4 +45,5 @@ FAMILY = TaskFamily(
     defaults={"episodes": 4000, "hidden_size": 64, "batch_size": 64, "target_update": 2000},
     targets=("cartpole:gravity=5x", "cartpole:gravity=7x"),
     build=build,
+    plain=plain,
 )

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 from gymnasium.envs.mujoco.reacher_v5 import ReacherEnv
-from gymnasium.spaces import Discrete
+from gymnasium.spaces import Box, Discrete
 
-TORQUES = np.array([[first, second] for first in (-1.0, 0.0, 1.0) for second in (-1.0, 0.0, 1.0)], np.float32)
+from trainables.tasks.discretise import action_table
+
+TORQUES = action_table(Box(-1.0, 1.0, (2,), np.float32), 3)
 """(9, 2): the torques of both joints for each action; 4 is none at all."""
 
 

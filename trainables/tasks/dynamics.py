@@ -11,7 +11,7 @@ from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
 from trainables.jit import compiled
-from trainables.tasks import supply_chain, windy_gridworld
+from trainables.tasks import sampled, supply_chain, windy_gridworld
 from trainables.tasks.model import Dynamics
 
 
@@ -22,6 +22,8 @@ def step(
     """One step of the task `kind`: (next state, reward, terminated)."""
     if kind == windy_gridworld.KIND:
         return windy_gridworld.step(state, action, parameters, rng)
+    if kind == sampled.KIND:
+        return sampled.step(state, action, parameters, rng)
     return supply_chain.step(state, action, parameters, rng)
 
 

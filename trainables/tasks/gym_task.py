@@ -1,6 +1,7 @@
-"""Any Gymnasium environment with discrete actions as a task: gym:ENV_ID[:attribute.path=VALUE,...].
+"""Any Gymnasium environment as a task: gym:ENV_ID[:attribute.path=VALUE,...].
 
 A context feature is an attribute path of the unwrapped environment; its value is a number, or a multiple such as 2x.
+An environment with continuous actions has the feature `levels` too: gym:Pendulum-v1:levels=5 (see `discretise`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 PREFIX = "gym"
 
+LEVELS = 3.0
+"""Values of each dimension of a continuous action where `levels` does not say (the paper's, for Reacher)."""
+
 
 def split(text: str) -> tuple[str, str]:
     """'gym:ENV_ID:features' to ('gym:ENV_ID', 'features'); an id's own 'module:' stays with it."""
@@ -32,14 +36,24 @@ def split(text: str) -> tuple[str, str]:
 def family(name: str, paths: tuple[str, ...]) -> TaskFamily:
     """The family of one environment id, with the attribute `paths` as its context features.
 
-    Raises InputError for an unknown environment, continuous actions, and a path that is no number there.
+    Raises InputError for an unknown environment, and a path that is no number there.
     """
+    from trainables.tasks.discretise import levels_feature
+
     env = _make(name)
-    found = tuple(_feature(name, env.unwrapped, path) for path in sorted(set(paths)))
+    levels = (levels_feature(LEVELS),) if _continuous(env) else ()
+    attributes = sorted(set(paths) - {feature.name for feature in levels})
+    found = tuple(_feature(name, env.unwrapped, path) for path in attributes)
     env.close()
-    build = functools.partial(_build, name)
-    check = functools.partial(_check, name)
-    return TaskFamily(name, "a Gymnasium environment", found, {}, build=build, check=check)
+    return TaskFamily(
+        name,
+        "a Gymnasium environment",
+        levels + found,
+        {},
+        build=functools.partial(_build, name),
+        check=functools.partial(_check, name),
+        plain=functools.partial(_build, name, {}),
+    )
 
 
 def _make(name: str) -> gymnasium.Env:
@@ -55,11 +69,13 @@ def _make(name: str) -> gymnasium.Env:
         env = gymnasium.make(identity)
     except gymnasium.error.Error as error:
         raise InputError(f"task '{name}': {error}") from None
-    if not isinstance(env.action_space, gymnasium.spaces.Discrete):
-        raise InputError(
-            f"task '{name}': its actions are continuous ({env.action_space}); only discrete ones are learned"
-        )
     return env
+
+
+def _continuous(env: gymnasium.Env) -> bool:
+    from gymnasium.spaces import Discrete
+
+    return not isinstance(env.action_space, Discrete)
 
 
 def _owner(env: Any, path: str) -> tuple[Any, str]:
@@ -80,25 +96,37 @@ def _feature(name: str, env: Any, path: str) -> ContextFeature:
 
 
 def _build(name: str, context: Context) -> gymnasium.Env:
+    """The environment with the attributes of `context` set, and as many actions as its `levels` make."""
+    from trainables.tasks.discretise import discretise
+
     env = _make(name)
-    for path, value in context.items():
+    values = dict(context)
+    levels = values.pop("levels", LEVELS) if _continuous(env) else None
+    for path, value in values.items():
         owner, last = _owner(env.unwrapped, path)
         before = getattr(owner, last)
         if value != before:
             whole = isinstance(before, int) and float(value).is_integer()
             setattr(owner, last, int(value) if whole else value)
-    return env
+    if levels is None:
+        return env
+    try:
+        return discretise(env, levels)
+    except InputError as error:
+        raise InputError(f"task '{name}': {error}") from None
 
 
 def _check(name: str, context: Context) -> None:
-    """Refuse a change that changes nothing: each changed path alone must alter what 100 steps return."""
-    plain = _build(name, {})
-    for path, value in context.items():
+    """Refuse too many actions, and a change that changes nothing: each alone must alter what 100 steps return."""
+    values = dict(context)
+    levels = {"levels": values.pop("levels")} if _continuous(_make(name)) else {}
+    plain = _build(name, levels)
+    for path, value in values.items():
         if value == getattr(*_owner(plain.unwrapped, path)):
             continue
         try:
-            changed = _build(name, {path: value})
-            same = _rollout(changed) == _rollout(_build(name, {}))
+            changed = _build(name, {**levels, path: value})
+            same = _rollout(changed) == _rollout(_build(name, levels))
         except (AttributeError, TypeError) as error:
             raise InputError(f"task '{name}': {path} cannot be set to {value:g} ({error})") from None
         if same:

@@ -26,6 +26,13 @@ def build(context: Context) -> gymnasium.Env:
     return TimeLimit(env, int(context["limit"]))
 
 
+def plain() -> gymnasium.Env:
+    """Gymnasium's own."""
+    import gymnasium
+
+    return gymnasium.make("LunarLander-v3")
+
+
 FAMILY = TaskFamily(
     name="lunar_lander",
     description="land softly between two flags with three engines, 1000 steps at most",
@@ -39,4 +46,5 @@ FAMILY = TaskFamily(
     defaults={"episodes": 3000, "hidden_size": 256, "batch_size": 128, "target_update": 1000},
     targets=("lunar_lander:mass=1.1", "lunar_lander:mass=1.5", "lunar_lander:mass=0.75"),
     build=build,
+    plain=plain,
 )

@@ -26,6 +26,15 @@ def build(context: Context) -> gymnasium.Env:
     return TimeLimit(env, int(context["limit"]))
 
 
+def plain() -> gymnasium.Env:
+    """Gymnasium's own, with three levels of torque for each joint."""
+    import gymnasium
+
+    from trainables.tasks.discretise import discretise
+
+    return discretise(gymnasium.make("Reacher-v5"), 3)
+
+
 FAMILY = TaskFamily(
     name="reacher",
     description="reach a point with a two-joint arm; each joint is pushed fully one way, the other way or not at all",
@@ -39,4 +48,5 @@ FAMILY = TaskFamily(
     defaults={"episodes": 3000, "hidden_size": 256, "batch_size": 128, "target_update": 1000},
     targets=("reacher:y_force=0.75", "reacher:y_force=1"),
     build=build,
+    plain=plain,
 )

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from trainables.errors import InputError, unknown
 
@@ -86,6 +86,10 @@ class TaskFamily:
     """Tabular tasks alone: the exact transition model."""
     check: Callable[[Context], None] = lambda context: None
     """Raises InputError where values that are each allowed do not go together."""
+    plain: Callable[[], gymnasium.Env] | None = None
+    """The environment as it is without deltatune, which the task at its defaults must equal bit for bit."""
+    origin: Literal["built-in", "own", "missing"] = "built-in"
+    """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
 
     def feature(self, name: str) -> ContextFeature:
         """The feature called `name`; InputError where there is none."""
@@ -121,7 +125,12 @@ class Task:
     def make(self) -> gymnasium.Env:
         """A new environment, time limit included."""
         if self.family.build is not None:
-            return self.family.build(self.context)
+            env = self.family.build(self.context)
+            if self.family.origin == "built-in":
+                return env
+            from trainables.plugins.guard import guarded
+
+            return guarded(env, self.name)
         from trainables.tasks import dynamics
 
         return dynamics.make(self.dynamics())

@@ -1,0 +1,75 @@
+"""Commands for a task of one's own: is it sound, and a search space to start from."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from orchestrator.commands.app import Json, app, canonical, out, print_json
+
+TASK = Annotated[
+    str, typer.Argument(metavar="TASK", help="NAME, gym:ENV_ID or FILE.py:NAME, each with [:FEATURE=VALUE,...].")
+]
+
+
+@app.command()
+def check(task: TASK, as_json: Json = False) -> None:
+    """Test a task as deltatune's own are tested, time it, and say what a sweep of it would cost (exit 1 if unsound).
+
+    The file of FILE.py:NAME is run.
+    """
+    from orchestrator.present import table
+    from orchestrator.task_cost import task_costs
+    from trainables.check import check as findings
+    from trainables.check import steps_per_second
+    from trainables.tasks import parse_task
+
+    parsed = parse_task(canonical(task))
+    found = []
+    with out.status("checking"):
+        for finding in findings(parsed):
+            found.append(finding)
+        sound = all(finding.passed is not False for finding in found)
+        rate = steps_per_second(parsed) if sound else None
+        costs = task_costs(parsed) if sound else []
+    if as_json:
+        data: dict[str, Any] = {"task": parsed.name, "sound": sound, "findings": [asdict(each) for each in found]}
+        print_json(data | {"environment_steps_per_second": rate, "costs": [asdict(cost) for cost in costs]})
+    else:
+        words = {True: "yes", False: "NO", None: "-"}
+        rows = [(each.question, words[each.passed], each.answer) for each in found]
+        out.print(table((parsed.name, "", ""), rows))
+        if rate is not None:
+            out.print(f"The environment alone makes {rate:,.0f} steps a second.")
+            out.print(table(("agent", "steps a second", "a cell at its defaults"), [c.row() for c in costs]))
+            out.print("A sweep costs agents x targets x configurations x seeds such cells: see 'sweep --dry-run'.")
+    if not sound:
+        raise typer.Exit(1)
+
+
+@app.command()
+def init(
+    task: TASK,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="The file to write; default: print.")] = None,
+) -> None:
+    """Write a commented search space for a task, to run as it is or to start from.
+
+    Features in the name make the target task, e.g. `deltatune init 'gym:Pendulum-v1:g=2x' -o mine.yaml`.
+    """
+    from orchestrator.files import make_folder
+    from orchestrator.starter import starter
+    from trainables.atomic import write_atomic
+    from trainables.errors import InputError
+
+    text = starter(task, canonical(task), str(output or "mine.yaml"))
+    if output is None:
+        typer.echo(text, nl=False)
+        return
+    if output.exists():
+        raise InputError(f"{output} is there already: choose another -o, or remove it")
+    make_folder(output.absolute().parent)
+    write_atomic(output.absolute(), text.encode())
+    out.print(f"{output}: see what it would do with 'deltatune sweep {output} --dry-run'", soft_wrap=True)

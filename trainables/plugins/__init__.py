@@ -1,0 +1,1 @@
+"""Tasks and agents that a user brings: named, loaded, sent to workers, and remembered."""

@@ -1,0 +1,158 @@
+"""The own files that this process has loaded: by whom they are named, what they say, and where their errors are.
+
+A file runs only where somebody has named it: on the command line, in a search space of theirs, or by `own.load`.
+A name in a record, or in anything else that is read, never loads one.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import linecache
+import sys
+import traceback
+import types
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from trainables.errors import InputError
+from trainables.plugins.names import FileName, file_name
+
+
+class OwnCodeError(RuntimeError):
+    """Own code that breaks a promise of its kind. The text is one sentence, with the file and the line."""
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A file that has been run as a module."""
+
+    source: bytes
+    module: types.ModuleType
+
+
+_LOADED: dict[str, Loaded] = {}
+"""By 'FILE.py@PIN'."""
+BROKEN: dict[str, str] = {}
+"""Why an installed file could not be run, by 'FILE.py@PIN'."""
+_PLACES: set[str] = set()
+"""The `co_filename` of own code, installed packages' included."""
+
+
+def pin_of(source: bytes) -> str:
+    """The hash of a file's content in a name; line endings do not count."""
+    return hashlib.sha256(source.replace(b"\r\n", b"\n")).hexdigest()[:8]
+
+
+def pin(text: str, folders: Iterable[Path] = (Path(),)) -> str:
+    """Load the file that `text` names and return the canonical name, features included.
+
+    folders: where a relative path is looked for, in order. Raises InputError where the file is not there, cannot be
+    run, or is another one than a pin in `text` says.
+    """
+    name = file_name(text)
+    path = next((folder / name.path for folder in folders if (folder / name.path).is_file()), name.path)
+    return name.pinned(load_file(path, name.pin))
+
+
+def load_file(path: str | Path, expected: str = "") -> str:
+    """Run a file, unless it has been run already, and return its pin; InputError as for `pin`."""
+    path = Path(path)
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    found = pin_of(source)
+    if expected not in ("", found):
+        raise InputError(f"{path} is no longer the file that was used: it is {path.name}@{found}, not @{expected}")
+    _run(f"{path.name}@{found}", source, str(path.absolute()))
+    return found
+
+
+def others(file: str) -> list[str]:
+    """The pins of the loaded files with this name."""
+    return [key.partition("@")[2] for key in _LOADED if key.partition("@")[0] == file]
+
+
+def attribute(name: FileName) -> Any:
+    """What a pinned name stands for, None where its file is not loaded; InputError where the file has no such name."""
+    loaded = _LOADED.get(f"{name.path.name}@{name.pin}")
+    if loaded is None:
+        return None
+    if not hasattr(loaded.module, name.attribute):
+        there = [key for key in vars(loaded.module) if not key.startswith("_")]
+        near = difflib.get_close_matches(name.attribute, there, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise InputError(f"{name.path.name} has no '{name.attribute}'{hint}")
+    return getattr(loaded.module, name.attribute)
+
+
+def packed() -> dict[str, bytes]:
+    """Every loaded file by 'FILE.py@PIN': what a worker needs beside its cells."""
+    return {key: loaded.source for key, loaded in _LOADED.items()}
+
+
+def install(files: Mapping[str, bytes]) -> None:
+    """Load what `packed` returned on another machine. Nothing is written to disk.
+
+    A file that does not run here, for want of a package, say, fails the cells that need it and no others.
+    Raises InputError for a content that is not the one of the pin.
+    """
+    for key, source in files.items():
+        if key != f"{key.partition('@')[0]}@{pin_of(source)}":
+            raise InputError(f"{key} arrived with another content (@{pin_of(source)})")
+        try:
+            _run(key, source, key.partition("@")[0])
+        except InputError as error:
+            BROKEN[key] = str(error)
+
+
+def watch(place: str) -> None:
+    """Take code in the file `place` for own code when errors are traced."""
+    _PLACES.add(place)
+
+
+def is_own(place: str) -> bool:
+    """Whether the code in the file `place` is own code."""
+    return place in _PLACES
+
+
+def in_words(exception: BaseException) -> str:
+    """An error of a cell in one sentence, with the innermost line of own code, else the innermost line of all."""
+    if isinstance(exception, OwnCodeError):
+        return str(exception)
+    frames = traceback.extract_tb(exception.__traceback__)
+    where = next((frame for frame in reversed(frames) if is_own(frame.filename)), frames[-1])
+    text = " ".join(str(exception).split())
+    return f"{type(exception).__name__}: {text} ({Path(where.filename).name}:{where.lineno})"
+
+
+def _run(key: str, source: bytes, place: str) -> None:
+    """Run a file as a module of its own, unless it is there already."""
+    if key in _LOADED:
+        return
+    file, _, digest = key.partition("@")
+    module = types.ModuleType(f"deltatune_own_{digest}_{file.removesuffix('.py').replace('.', '_').replace('-', '_')}")
+    module.__file__ = place
+    text = source.decode("utf-8-sig", errors="replace")
+    linecache.cache[place] = (len(text), None, text.splitlines(keepends=True), place)  # for tracebacks and `inspect`
+    _PLACES.add(place)
+    sys.modules[module.__name__] = module
+    try:
+        exec(compile(source, place, "exec"), module.__dict__)
+    except SyntaxError as error:
+        del sys.modules[module.__name__]
+        raise InputError(f"{file}:{error.lineno}: not Python ({error.msg})") from None
+    except Exception as error:
+        del sys.modules[module.__name__]
+        if isinstance(error, InputError):
+            raise InputError(f"{_line(error, place, file)}: {error}") from None
+        raise InputError(f"{_line(error, place, file)}: {type(error).__name__}: {error}") from None
+    _LOADED[key] = Loaded(source, module)
+
+
+def _line(error: Exception, place: str, file: str) -> str:
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == place]
+    return f"{file}:{lines[-1]}" if lines else file

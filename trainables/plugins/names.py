@@ -1,0 +1,67 @@
+"""How own code is named.
+
+FILE.py:NAME[:FEATURE=VALUE,...]          as people write it
+FILE.py@PIN:NAME[:FEATURE=VALUE,...]      as cells hold it: the file's name alone, and a hash of its content
+NAME@VERSION[:FEATURE=VALUE,...]          of an installed package, with that package's version
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from trainables.errors import InputError
+
+_FILE = re.compile(
+    r"(?P<folder>(?:[^:]*/)?)(?P<file>[\w.-]+\.py)(?:@(?P<pin>[0-9a-f]{8}))?:(?P<attribute>[A-Za-z_]\w*)(?::(?P<rest>.*))?"
+)
+_PACKAGE = re.compile(r"(?P<name>[A-Za-z_]\w*)@(?P<version>[\w.+!-]+)")
+
+
+@dataclass(frozen=True)
+class FileName:
+    """The parts of a name by file."""
+
+    path: Path
+    pin: str
+    """Empty where none is given."""
+    attribute: str
+    rest: str
+    """The features' text."""
+
+    def pinned(self, pin: str) -> str:
+        """The name as cells hold it, features included."""
+        return f"{self.path.name}@{pin}:{self.attribute}" + (f":{self.rest}" if self.rest else "")
+
+
+def by_file(text: str) -> bool:
+    """Whether `text` names own code by its file."""
+    return re.match(r"[^:]*\.py(@[^:]*)?(:|$)", text) is not None
+
+
+def file_name(text: str) -> FileName:
+    """The parts of a name by file; InputError where it is not written like one."""
+    match = _FILE.fullmatch(text)
+    if match is None:
+        raise InputError(
+            f"'{text}' is not FILE.py:NAME (a file of letters, digits, dots and dashes, then a name in it)"
+        )
+    path = Path(match["folder"] + match["file"])
+    return FileName(path, match["pin"] or "", match["attribute"], match["rest"] or "")
+
+
+def package_name(text: str) -> tuple[str, str]:
+    """(name, version) of 'NAME@VERSION'; an empty version where there is none."""
+    match = _PACKAGE.fullmatch(text)
+    return (match["name"], match["version"]) if match else (text, "")
+
+
+def short(text: str) -> str:
+    """`text` with every name of own code as people write it, without pins."""
+    return re.sub(r"(?<=\.py)@[0-9a-f]{8}(?=:)", "", text)
+
+
+def own(text: str) -> bool:
+    """Whether `text`, features or not, is a canonical name of own code, by file or by package."""
+    return by_file(text) or _PACKAGE.fullmatch(text.partition(":")[0]) is not None
