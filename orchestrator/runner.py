@@ -92,6 +92,7 @@ class Relay(tune.Callback):
             self._queue.began(trial.trial_id, **worker)
         if progress := result.pop("progress", None):
             self._display.progress(**progress)
+            self._queue.progressed(progress["cell"], progress["share"])
         for cell_id, points in result.pop("points", ()):
             self._points[cell_id] = curve.joined(self._points.get(cell_id, {}), points)
         if outcomes := result.pop("ended", None):

@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from orchestrator import progress
 from orchestrator.lock import driver
 from orchestrator.results import Results
 
@@ -21,7 +22,7 @@ def sweeps(storage: Path, name: str | None) -> list[Results]:
 
 
 def sweep_status(results: Results) -> dict[str, Any]:
-    """Counts by stage, the failures with their causes, and the driver that is at it now (None: none is)."""
+    """Counts by stage, the failures with their causes, the driver that is at it (None: none is), and how far it is."""
     stages: dict[str, Counter[str]] = {stage: Counter() for stage in results.plan()}
     failures = []
     for stage, cell, record in results.ended():
@@ -30,13 +31,13 @@ def sweep_status(results: Results) -> dict[str, Any]:
             failures.append(
                 {"cell_id": cell.id, "agent": cell.agent, "task": cell.task, "seed": cell.seed, "error": record.error}
             )
-    counts = {
-        stage: {key: count[key] for key in ("done", "failed", "stopped", "missing")} for stage, count in stages.items()
-    }
+    who = driver(results.folder)
+    now = progress.read(results.folder) if who else None
     return {
         "sweep": results.name,
         "folder": str(results.folder),
-        "stages": counts,
+        "stages": {stage: {key: count[key] for key in KEYS} for stage, count in stages.items()},
         "failures": failures,
-        "driver": driver(results.folder),
+        "driver": who,
+        "now": now.line() if now else None,
     }

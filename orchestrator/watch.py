@@ -10,7 +10,7 @@ from orchestrator import progress
 from orchestrator.display import LOG_EVERY, bars, fields
 from orchestrator.lock import driver
 from orchestrator.results import Results
-from orchestrator.status import sweep_status
+from orchestrator.status import KEYS, sweep_status
 
 
 def follow(results: Results, console: Console, every: float) -> None:
@@ -35,9 +35,7 @@ def follow(results: Results, console: Console, every: float) -> None:
 
 def _ended(results: Results) -> str:
     stages = sweep_status(results)["stages"].values()
-    done, failed, stopped, missing = (
-        sum(stage[key] for stage in stages) for key in ("done", "failed", "stopped", "missing")
-    )
+    done, failed, stopped, missing = (sum(stage[key] for stage in stages) for key in KEYS)
     counts = f"{done} cells done, {failed} failed" + (f", {stopped} stopped early" if stopped else "")
     if not stages:
         return f"{results.name} has not begun, and no driver is at it"

@@ -23,7 +23,10 @@ FIRST_GUESS = 4
 """Tabular cells of one trial as long as none of their kind has been timed."""
 
 LOSSES = 3
-"""How often a cell may take its worker with it before it counts as failed."""
+"""How often a cell may take its worker with it, without getting any further, before it counts as failed."""
+
+PROGRESS = 0.01
+"""Share of a cell that counts as getting further."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ class WorkQueue:
     running: dict[str, Running] = field(default_factory=dict)
     stopping: bool = False
     """Nothing new is handed out any more."""
+    _furthest: dict[str, float] = field(default_factory=dict)
     _losses: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     _seconds: dict[tuple[str, str], tuple[int, float]] = field(default_factory=lambda: defaultdict(lambda: (0, 0.0)))
 
@@ -107,6 +111,12 @@ class WorkQueue:
             kind = outcome["cell"]["agent"], outcome["cell"]["task"]
             count, total = self._seconds[kind]
             self._seconds[kind] = count + 1, total + outcome["seconds"]
+
+    def progressed(self, cell: str, share: float) -> None:
+        """A long cell is further than ever: the losses that it has had before were not its fault."""
+        if share > self._furthest.get(cell, 0.0) + PROGRESS:
+            self._furthest[cell] = share
+            self._losses.pop(cell, None)
 
     def overdue(self) -> list[Running]:
         """The packs whose present cell has taken too long, each once."""

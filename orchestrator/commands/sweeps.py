@@ -29,21 +29,23 @@ def status(
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Show how far a sweep is: cells done, failed and missing by stage, and why cells failed."""
+    """Show how far a sweep is: cells done, failed, stopped early and missing by stage, and why cells failed."""
     from orchestrator.present import table
-    from orchestrator.status import sweep_status, sweeps
+    from orchestrator.status import KEYS, sweep_status, sweeps
 
     found = [sweep_status(results) for results in sweeps(storage, name)]
     if as_json:
         print_json(found[0] if name else found)
         return
     rows = [
-        (data["sweep"], stage, *(str(counts[key]) for key in ("done", "failed", "missing")), data["driver"] or "-")
+        (data["sweep"], stage, *(str(counts[key]) for key in KEYS), data["driver"] or "-")
         for data in found
         for stage, counts in data["stages"].items()
     ]
-    out.print(table(("sweep", "stage", "done", "failed", "missing", "running in"), rows))
+    out.print(table(("sweep", "stage", *KEYS, "running in"), rows))
     for data in found:
+        if data["now"]:
+            print_named(data["sweep"], data["now"])
         for failure in data["failures"]:
             what = f"{failure['cell_id']} {failure['agent']} on {failure['task']}, seed {failure['seed']}"
             print_named(what, failure["error"], "red")
