@@ -54,7 +54,7 @@ def check_storage(head: Any, storage: str) -> None:
     """Ask the cluster whether all of its nodes see the storage; InputError with those that do not."""
     with _package({}) as folder:
         entrypoint = shlex.join(["python", "-m", "orchestrator.jobs", storage])
-        job = head.submit_job(entrypoint=entrypoint, runtime_env={"working_dir": str(folder)})
+        job = _send(head, entrypoint, folder, {})
         deadline = time.monotonic() + ASK_SECONDS
         while not (status := head.get_job_status(job)).is_terminal():
             if time.monotonic() > deadline:
@@ -75,7 +75,25 @@ def check_storage(head: Any, storage: str) -> None:
         )
 
 
+def _send(head: Any, entrypoint: str, folder: Path, metadata: dict[str, str]) -> str:
+    """Send a job; a head that has only just started takes none for a while."""
+    deadline = time.monotonic() + YOUNG_SECONDS
+    while True:
+        try:
+            env = {"working_dir": str(folder)}
+            return str(head.submit_job(entrypoint=entrypoint, runtime_env=env, metadata=metadata))
+        except RuntimeError as error:
+            text = str(error).strip().splitlines()[-1]
+            if "No available agent" not in text or time.monotonic() > deadline:
+                raise SweepError(f"the cluster does not take the job: {text}") from None
+            time.sleep(1.0)
+
+
 _MARK = "deltatune-storage "
+
+
+YOUNG_SECONDS = 60.0
+"""How long a head may say that it cannot take jobs yet."""
 
 
 @contextmanager

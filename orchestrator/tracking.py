@@ -68,7 +68,10 @@ class Mirror:
         self._client = MlflowClient(uri)
         self._experiment = self._find_experiment(uri)
         self._known = {
-            self._key(run.data.tags): _Known(str(run.info.run_id), run.data.tags.get("digest")) for run in self._runs()
+            self._key(run.data.tags): _Known(
+                str(run.info.run_id), run.data.tags.get("digest") if run.info.status != "RUNNING" else None
+            )
+            for run in self._runs()
         }
         self.parent = self._find_parent()
 

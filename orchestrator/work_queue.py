@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
@@ -18,6 +19,9 @@ TARGET_SECONDS = 2.0
 
 MOST = 64
 """Most cells of one trial."""
+
+MOST_TRIALS = 20_000
+"""Trials of a stage that Tune is trusted with: it keeps each of them, some 20 KB, to the stage's end."""
 
 FIRST_GUESS = 4
 """Tabular cells of one trial as long as none of their kind has been timed."""
@@ -83,6 +87,9 @@ class WorkQueue:
     _furthest: dict[str, float] = field(default_factory=dict)
     _losses: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     _seconds: dict[tuple[str, str], tuple[int, float]] = field(default_factory=lambda: defaultdict(lambda: (0, 0.0)))
+
+    def __post_init__(self) -> None:
+        self._total = len(self.cells)
 
     def next(self, trial: str) -> Pack | None:
         """The pack of a new trial; None where there is none at the moment (see `over`)."""
@@ -192,7 +199,7 @@ class WorkQueue:
         if count:
             size = int(TARGET_SECONDS / max(total / count, 1e-4))
         share = len(self.cells) // (2 * (self.at_once or 2 * len(self.running) + 2))
-        size = max(1, min(size, MOST, share))
+        size = max(1, min(size, MOST, share), math.ceil(self._total / MOST_TRIALS))
         kind = cell.agent, cell.task
         alike = itertools.takewhile(lambda c: (c.agent, c.task) == kind, reversed(self.cells[-size:]))
         return len(list(alike))

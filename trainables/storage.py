@@ -19,7 +19,7 @@ def storage_path(text: str | Path) -> Path:
 
     protocol = text.split("://", 1)[0]
     try:
-        path = UPath(text)
+        path = UPath(text, use_listings_cache=False)  # others write to it too
         path.exists()
     except ImportError as error:
         raise InputError(f"the storage {text} needs a package: {error}") from None

@@ -157,7 +157,7 @@ def _run_together(runs: Sequence[CellRun], stop: StopFile) -> None:
     """The seeds of a configuration in lockstep, as far as Tune's scheduler lets them."""
     told = {run.cell.id: 0 for run in runs}
     for rung in lockstep(runs, stop):
-        points = {run.cell.id: run.points(told[run.cell.id]) for run in runs}
+        points = [(run.cell.id, run.points(told[run.cell.id])) for run in runs]
         told = {run.cell.id: run.evaluations for run in runs}
         tune.report({"evaluations": rung.evaluations, "score": rung.score, "points": points})
     if ended := [run.outcome() for run in runs if run.ended]:

@@ -69,7 +69,7 @@ def driver(
 ) -> Iterator[subprocess.Popen[str]]:
     """`deltatune sweep` in a process of its own, with its storage in `folder`."""
     path = folder / "space.yaml"
-    path.write_text(yaml.safe_dump(space(**changes)))
+    path.write_text(yaml.safe_dump(space(**changes), sort_keys=False))
     command = [sys.executable, *python, "sweep", str(path), "--storage", str(folder), *words]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True

@@ -116,7 +116,7 @@ def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
 def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
     import yaml
 
-    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(**LONGER)))
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(**LONGER), sort_keys=False))
     words = ["submit", str(tmp_path / "space.yaml"), "--address", cluster.jobs, "--storage", str(tmp_path)]
     command = [sys.executable, "-m", "orchestrator.cli", *words, "--no-mlflow"]
     shell = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, start_new_session=True)

@@ -109,7 +109,7 @@ def test_median_stopping_stops_some_too(ray_session: None, tmp_path: Path) -> No
 def test_optuna_goes_on_with_what_was_stopped(ray_session: None, tmp_path: Path) -> None:
     data = space(method="asha", budget=6)
     data["search"]["method"] = "optuna"
-    rate = {"range": [0.002, 0.5], "log": True}
+    rate = {"low": 0.002, "high": 0.5, "log": True}
     data["scenarios"][0]["source"]["hyperparameters"] = {"learning_rate": rate}
     results, tally = sweep(tmp_path, data)
     assert tally.failed == 0
