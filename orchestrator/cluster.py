@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import math
 import os
@@ -11,7 +12,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,9 @@ from trainables.storage import is_local, storage_path
 
 PACKAGES = ("trainables", "search_spaces", "orchestrator", "dashboards")
 """What travels to a cluster, whose nodes need but the dependencies."""
+
+NODE_PATIENCE = 600.0
+"""Seconds that a cluster may take to have a node that a cell fits on."""
 
 HEAD_PATIENCE = 45.0
 """Seconds without an answer after which the head counts as gone. Ray itself ends its processes after 60."""
@@ -120,16 +124,36 @@ def _watch(address: str, lost: Callable[[str], None], over: threading.Event) -> 
             return
 
 
-def capacity(resources: Resources) -> int:
-    """How many cells the cluster takes at a time; InputError where a cell fits on none of its nodes."""
+def capacity(resources: Resources, patience: float = 0.0) -> int:
+    """How many cells the cluster takes at a time now.
+
+    A cluster that grows may have no node for a cell yet: one is asked for and waited for, `patience` seconds at most.
+    Raises InputError where a cell fits on none of its nodes.
+    """
     wanted = resources.request()
-    alive = [node["Resources"] for node in _nodes() if node["Alive"]]
-    fits = [min((int(there.get(name, 0.0) / amount) for name, amount in wanted.items()), default=1) for there in alive]
-    if not any(fits):
+    if not (fits := _fits(wanted)) and patience:
+        amounts = {"num_cpus": wanted.get("CPU", 0), "num_gpus": wanted.get("GPU", 0), "memory": wanted.get("memory")}
+        with contextlib.suppress(ray.exceptions.GetTimeoutError):
+            options: Any = {name: amount for name, amount in amounts.items() if amount is not None}
+            ray.get(ray.remote(**options)(_nothing).remote(), timeout=patience)
+        fits = _fits(wanted)
+    if not fits:
+        alive = [node["Resources"] for node in _nodes() if node["Alive"]]
         most = {name: max((there.get(name, 0.0) for there in alive), default=0.0) for name in wanted}
         asked, given = (", ".join(f"{name} {_amount(name, x)}" for name, x in d.items()) for d in (wanted, most))
         raise InputError(f"a cell fits on no node: it asks for {asked}; the most that a node has is {given}")
-    return sum(fits)
+    return fits
+
+
+def _fits(wanted: Mapping[str, float]) -> int:
+    alive = [node["Resources"] for node in _nodes() if node["Alive"]]
+    return sum(
+        min((int(there.get(name, 0.0) / amount) for name, amount in wanted.items()), default=1) for there in alive
+    )
+
+
+def _nothing() -> None:
+    pass
 
 
 def _amount(name: str, value: float) -> str:

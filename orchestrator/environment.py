@@ -32,10 +32,11 @@ SETTINGS = {
 def prepare(joins_cluster: bool = False) -> None:
     """Put the settings into the environment, where the workers will inherit them.
 
-    joins_cluster: Ray is to be joined, not started. A cluster whose head found this user's token file asks for the
+    joins_cluster: Ray is to be joined, not started. A cluster whose head found this user's token asks for the
     token, and Ray's client offers it in this mode alone.
     """
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
-    if joins_cluster and Path("~/.ray/auth_token").expanduser().exists():
+    given = "RAY_AUTH_TOKEN" in os.environ or "RAY_AUTH_TOKEN_PATH" in os.environ
+    if joins_cluster and (given or Path("~/.ray/auth_token").expanduser().exists()):
         os.environ.setdefault("RAY_AUTH_MODE", "token")

@@ -46,8 +46,7 @@ def submit(head: Any, space: bytes, words: Sequence[str], name: str) -> str:
     """Send `deltatune sweep` with `words` and the search space's YAML; the job's id."""
     entrypoint = shlex.join(["python", "-m", "orchestrator.cli", "sweep", SPACE_FILE, *words, "--address", "auto"])
     with _package({SPACE_FILE: space}) as folder:
-        metadata = {"deltatune_sweep": name}
-        return str(head.submit_job(entrypoint=entrypoint, runtime_env={"working_dir": str(folder)}, metadata=metadata))
+        return _send(head, entrypoint, folder, {"deltatune_sweep": name})
 
 
 def check_storage(head: Any, storage: str) -> None:

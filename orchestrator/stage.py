@@ -106,7 +106,7 @@ class Stages:
         with self._console.status("starting Ray"):
             resources = settings.resources
             self._stack.enter_context(cluster.connected(settings.workers, settings.address, resources))
-            fits = cluster.capacity(resources)
+            fits = cluster.capacity(resources, cluster.NODE_PATIENCE if settings.address else 0.0)
             self._tally.workers = min(settings.workers or fits, fits)
             self._checkpoints = make_folder(folder)
             if blind := cluster.blind_nodes(folder):

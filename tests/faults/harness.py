@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,14 +65,18 @@ def on_start(monkeypatch: pytest.MonkeyPatch, harm: Callable[[Pack, int], None])
 
 @contextlib.contextmanager
 def driver(
-    folder: Path, *words: str, python: tuple[str, ...] = ("-m", "orchestrator.cli"), **changes: Any
+    folder: Path,
+    *words: str,
+    python: tuple[str, ...] = ("-m", "orchestrator.cli"),
+    env: Mapping[str, str] | None = None,
+    **changes: Any,
 ) -> Iterator[subprocess.Popen[str]]:
     """`deltatune sweep` in a process of its own, with its storage in `folder`."""
     path = folder / "space.yaml"
     path.write_text(yaml.safe_dump(space(**changes), sort_keys=False))
     command = [sys.executable, *python, "sweep", str(path), "--storage", str(folder), *words]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=env
     )
     try:
         yield process
@@ -86,9 +90,14 @@ def wait_for(what: Callable[[], bool], process: subprocess.Popen[str] | None = N
     """Wait until something is so; a driver that ends before that is a failure."""
     deadline = time.monotonic() + PATIENCE
     while not what():
-        assert process is None or process.poll() is None, f"the sweep ended: {process and process.stderr}"
+        assert process is None or process.poll() is None, f"the sweep ended: {_said(process)}"
         assert time.monotonic() < deadline, "it did not happen"
         time.sleep(0.05)
+
+
+def _said(process: subprocess.Popen[str]) -> str:
+    out, err = process.communicate()
+    return f"{process.returncode} {out} {err}"
 
 
 def ended(storage: Path, cells: int) -> Callable[[], bool]:

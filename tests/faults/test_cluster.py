@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import signal
 import socket
 import subprocess
@@ -22,6 +23,10 @@ from orchestrator.results import Results
 
 pytest.importorskip("ray.dashboard.optional_deps", reason="needs ray[default]")
 pytest.importorskip("aiohttp_cors", reason="needs ray[default]")
+
+
+TOKEN = os.environ | {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
+"""The environment of the cluster, and of those who may join it."""
 
 
 def free_port() -> int:
@@ -57,15 +62,15 @@ class Cluster:
             self.remove(node)
 
     def _start(self, *options: str) -> subprocess.Popen[bytes]:
+        """Start a node, and wait until it is there: two that start at once may take each other's ports."""
         ray = Path(sys.executable).parent / "ray"
-        log = (self._folder.parent / f"{time.monotonic_ns()}.log").open("wb")
-        return subprocess.Popen(
-            [ray, "start", "--block", "--node-ip-address", "127.0.0.1", "--disable-usage-stats", *options],
-            stdout=log,
-            stderr=log,
-            env=os.environ | {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"},
-            start_new_session=True,
-        )
+        words = [ray, "start", "--block", "--node-ip-address", "127.0.0.1", "--disable-usage-stats", *options]
+        path = self._folder.parent / f"{time.monotonic_ns()}.log"
+        with path.open("wb") as log:
+            node = subprocess.Popen(words, stdout=log, stderr=log, env=TOKEN, start_new_session=True)
+        wait_for(lambda: b"Ray runtime started" in path.read_bytes() or node.poll() is not None)
+        assert node.poll() is None, path.read_text()
+        return node
 
     def _listens(self, port: int) -> bool:
         with contextlib.suppress(OSError):
@@ -90,7 +95,7 @@ def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
     calm: Path, tmp_path: Path, cluster: Cluster
 ) -> None:
     words = ("--no-mlflow", "--address", cluster.address)
-    with driver(tmp_path, *words, **LONGER) as process:
+    with driver(tmp_path, *words, env=TOKEN, **LONGER) as process:
         wait_for(ended(tmp_path, 5), process)
         cluster.remove(cluster.nodes.pop())
         out, err = process.communicate(timeout=PATIENCE)
@@ -101,7 +106,7 @@ def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
     gone = tmp_path / "gone"
     gone.mkdir()
     code = "from orchestrator import cluster; cluster.HEAD_PATIENCE = 3.0; from orchestrator.cli import main; main()"
-    with driver(gone, *words, python=("-c", code), **LONGER) as process:
+    with driver(gone, *words, python=("-c", code), env=TOKEN, **LONGER) as process:
         wait_for(ended(gone, 3), process)
         cluster.remove(cluster.head)
         _, err = process.communicate(timeout=PATIENCE)
@@ -119,7 +124,7 @@ def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: P
     (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(**LONGER), sort_keys=False))
     words = ["submit", str(tmp_path / "space.yaml"), "--address", cluster.jobs, "--storage", str(tmp_path)]
     command = [sys.executable, "-m", "orchestrator.cli", *words, "--no-mlflow"]
-    shell = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, start_new_session=True)
+    shell = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=TOKEN)
     assert shell.returncode == 0, shell.stderr
     assert "runs the sweep small" in shell.stdout
     wait_for(ended(tmp_path, 5))
