@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,3 +66,23 @@ class Knowledge:
         if not isinstance(meta, dict) or meta.get("schema") != 1 or meta.get("digest") != knowledge.digest:
             raise InputError("its arrays do not agree with its checksum")
         return knowledge, meta
+
+
+def joined(several: Sequence[Knowledge]) -> Knowledge:
+    """The knowledge of several sources as one: array `name` of number i as `i/name`; that of a single one as it is."""
+    if len(several) == 1:
+        return several[0]
+    return Knowledge({f"{i}/{name}": array for i, each in enumerate(several) for name, array in each.arrays.items()})
+
+
+def parts(knowledge: Knowledge, count: int) -> list[Knowledge]:
+    """The `count` pieces of knowledge that `joined` made one of."""
+    if count == 1:
+        return [knowledge]
+    found: list[dict[str, NDArray[Any]]] = [{} for _ in range(count)]
+    for key, array in knowledge.arrays.items():
+        number, _, name = key.partition("/")
+        if not number.isdigit() or int(number) >= count:
+            raise InputError(f"the knowledge is not that of {count} sources")
+        found[int(number)][name] = array
+    return [Knowledge(arrays) for arrays in found]
