@@ -52,13 +52,13 @@ def import_sources(library: SourceLibrary, path: Path, names: list[str]) -> list
     Members are read by the manifest's names, which must be cell ids: nothing in the archive becomes a path.
     Raises InputError for a damaged or foreign archive, one that is too large, and a name that is not in it.
     """
-    found = [read_entry(data, f"{path}: {name}") for name, data in _members(path).items()]
+    contents = _members(path)
+    found = [read_entry(data, f"{path}: {name}") for name, data in contents.items()]
     chosen = [entry for entry in found if not names or any(_named(entry, name) for name in names)]
     for name in names:
         if not any(_named(entry, name) for entry in found):
             there = ", ".join(f"{entry.id} ({entry.cell.task})" for entry in found)
             raise InputError(f"{path} has no source '{name}': there is {there}")
-    contents = _members(path)
     for entry in chosen:
         if library.has(entry.id) and library.entry(entry.id).knowledge.digest != entry.knowledge.digest:
             raise InputError(f"{path}: the library has another source {entry.id}; remove that one first")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,10 @@ from trainables.errors import InputError
 
 META = "meta"
 """Name of the array that holds a file's JSON header."""
+
+
+MOST_BYTES = 2**30
+"""Largest unpacked size of a file that is read."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,10 @@ class Knowledge:
     def from_bytes(cls, data: bytes) -> tuple[Knowledge, dict[str, Any]]:
         """(knowledge, header) that `to_bytes` wrote; InputError for anything else, and where a bit has changed."""
         try:
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                size = sum(info.file_size for info in archive.infolist())
+            if size > MOST_BYTES:
+                raise ValueError(f"it unpacks to {size} bytes, more than {MOST_BYTES}")
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
                 arrays = {name: file[name] for name in file.files}
             meta = json.loads(arrays.pop(META).tobytes())

@@ -21,7 +21,7 @@ from trainables.agents.hyperparameters import (
 )
 from trainables.cell import Cell
 from trainables.delta import tabular
-from trainables.delta.calibration import noise_floor
+from trainables.delta.calibration import calibrated
 from trainables.delta.exact import model_of
 from trainables.delta.tabular import DeltaRule, DeltaTable
 from trainables.evaluation import EvalPoint, expected_return
@@ -153,7 +153,7 @@ class TabularLearner:
         self._rule = _rule(cell.agent, settings, source is not None)
         self._calibrated = cell.source is not None and getattr(settings, "threshold", None) == "auto"
         if self._calibrated:
-            self._rule = self._rule._replace(delta=_calibrated(cell, self._tables.q_src, self._rule.delta))
+            self._rule = self._rule._replace(delta=calibrated(cell, self._tables.q_src, self._rule.delta))
         self._counts = Counts(*(np.zeros(1, np.int64) for _ in Counts._fields))
         self._env_rng = stream(cell.seed, "training_env", cell.task)
         self._explore_rng = stream(cell.seed, "exploration", cell.task)
@@ -246,14 +246,6 @@ def _threshold(settings: QLearning) -> float:
     """Delta; infinity for an agent without a gate, and until it is calibrated."""
     given = settings.threshold if isinstance(settings, DeltaGate | ConfidenceGate) else "auto"
     return np.inf if given == "auto" else float(given)
-
-
-def _calibrated(cell: Cell, q_src: NDArray[np.float64], rule: DeltaRule) -> DeltaRule:
-    """The rule with the source's noise floor over as many episodes as the cell has."""
-    assert cell.source is not None
-    settings = cell.settings
-    floor = noise_floor(cell.source.task, q_src, rule, settings.gamma, settings.episodes, cell.seed)
-    return rule._replace(threshold=floor)
 
 
 def _rule(agent: str, settings: QLearning, has_source: bool) -> Rule:

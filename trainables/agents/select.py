@@ -97,6 +97,20 @@ def choose(promises: NDArray[np.float64], paths: PathDelta, z: float, sd_floor: 
 
 
 @compiled
+def note(paths: PathDelta, k: int, collected: float, own_rate: float) -> None:
+    """Take in an episode: the path delta of source k, or what Q_trg itself collected."""
+    if k != NONE:
+        paths.followed[k] += 1
+        error = collected - paths.mean[k]
+        paths.mean[k] += error / paths.followed[k]
+        paths.squares[0] += error * (collected - paths.mean[k])
+    elif paths.own[0] == -np.inf:
+        paths.own[:] = collected
+    else:
+        paths.own[0] += own_rate * (collected - paths.own[0])
+
+
+@compiled
 def run_episodes(
     kind: int,
     parameters: NDArray[np.float64],
@@ -141,15 +155,7 @@ def run_episodes(
             state = next_state
             if terminated:
                 break
-        if k != NONE:
-            paths.followed[k] += 1
-            error = collected - paths.mean[k]
-            paths.mean[k] += error / paths.followed[k]
-            paths.squares[0] += error * (collected - paths.mean[k])
-        elif paths.own[0] == -np.inf:
-            paths.own[:] = collected
-        else:
-            paths.own[0] += rule.own_rate * (collected - paths.own[0])
+        note(paths, k, collected, rule.own_rate)
     return total
 
 

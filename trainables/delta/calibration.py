@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trainables.cell import Cell
 from trainables.delta import tabular
 from trainables.delta.tabular import DeltaRule, DeltaTable
 from trainables.jit import compiled
@@ -72,3 +73,11 @@ def noise_floor(
     where = dynamics.kind, dynamics.parameters, dynamics.start, dynamics.time_limit
     tables = (tabular.empty_table(*q_src.shape) for _ in range(RUNS))
     return max(float(_largest(*where, source, table, rule, gamma, episodes, rng)) for table in tables)
+
+
+def calibrated(cell: Cell, q_src: NDArray[np.float64], rule: DeltaRule) -> DeltaRule:
+    """The rule with the noise floor of the cell's source over as many episodes as the cell has."""
+    assert cell.source is not None
+    settings = cell.settings
+    floor = noise_floor(cell.source.task, q_src, rule, settings.gamma, settings.episodes, cell.seed)
+    return rule._replace(threshold=floor)

@@ -133,7 +133,7 @@ def test_the_compiled_loop_and_the_choice_are_the_plain_ones(monkeypatch) -> Non
     cell = _cell(WINDS[2], WINDS[:2], episodes=8, evaluate_every=4)
     fast = train(cell)
     compiled = curve.digest(curve.columns(fast))
-    for name in ("choose", "worth_following"):
+    for name in ("choose", "note", "worth_following"):
         monkeypatch.setattr(select, name, getattr(select, name).py_func)
     monkeypatch.setattr(select, "run_episodes", select.run_episodes.py_func)
     slow = train(cell)
