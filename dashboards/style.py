@@ -19,7 +19,15 @@ class Look:
     """A key of MARKERS."""
 
 
-MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v", "x": "X"}
+MARKERS = {
+    "circle": "o",
+    "square": "s",
+    "diamond": "D",
+    "triangle-up": "^",
+    "triangle-down": "v",
+    "pentagon": "p",
+    "x": "X",
+}
 """Name of a marker in the report to its name in print."""
 
 LOOKS = {
@@ -29,11 +37,13 @@ LOOKS = {
     "delta_gate": Look("#d55e00", "#ff8b45", (), "circle"),
     "confidence_gate": Look("#009e73", "#35cfa4", (9, 3), "triangle-down"),
     "q_warm_start": Look("#cc79a7", "#e79cc6", (6, 2, 1.5, 2, 1.5, 2), "x"),
+    "delta_select": Look("#56b4e9", "#a5dbff", (2, 2), "pentagon"),
     "dqn": Look("#4d4d4d", "#c9ccd1", (5, 3), "square"),
     "es": Look("#0072b2", "#4aa8e8", (7, 3, 1.5, 3), "triangle-up"),
     "delta_es": Look("#d55e00", "#ff8b45", (), "circle"),
     "dpba": Look("#56b4e9", "#a5dbff", (1.5, 2.5), "diamond"),
     "delta_dpba": Look("#cc79a7", "#e79cc6", (6, 2, 1.5, 2, 1.5, 2), "x"),
+    "delta_select_es": Look("#009e73", "#35cfa4", (9, 3), "triangle-down"),
 }
 """Each agent's look; a deep agent has that of its tabular kin, which it never meets."""
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import typer
 
-from orchestrator.commands import catalogue, cluster, own, sweep, sweeps
+from orchestrator.commands import catalogue, cluster, own, sources, sweep, sweeps
 from orchestrator.commands.app import app
 
-__all__ = ["app", "catalogue", "cluster", "main", "own", "sweep", "sweeps"]
+__all__ = ["app", "catalogue", "cluster", "main", "own", "sources", "sweep", "sweeps"]
 
 
 def main() -> None:

@@ -46,6 +46,8 @@ class Ledger:
 
     def ended(self, cell: Cell, keep: bool = False) -> bool:
         """Whether there is nothing more to run. `keep`: the cell's knowledge must be in the library too."""
+        if keep and cell.id not in self._heads:
+            self._take_over(cell)
         head = self._heads.get(cell.id)
         if head is None:
             return False
@@ -54,6 +56,12 @@ class Ledger:
         if head.status == "stopped":
             return self._stops  # without a scheduler it is wanted whole
         return not keep or self.library.has(cell.id)
+
+    def _take_over(self, cell: Cell) -> None:
+        """The record of a source that another sweep of this storage has trained, where there is one."""
+        record = self.library.record(cell.id)
+        if record is not None and record.status == "done":
+            self._results.add(record)
 
     def new(self, cell: Cell) -> bool:
         """Whether the cell has ended in this run."""
@@ -90,10 +98,11 @@ class Ledger:
             cell = Cell.from_json(outcome["cell"])
             if cell.id in self._new and self._heads[cell.id].status == "done":
                 continue
-            if outcome["knowledge"] is not None:
-                self.library.save(cell, Knowledge.from_bytes(outcome["knowledge"])[0])
             fields = {key: value for key, value in outcome.items() if key not in ("cell", "knowledge")}
-            records.append(Record(cell=cell, finished=time.time(), versions=versions(), commit=commit(), **fields))
+            record = Record(cell=cell, finished=time.time(), versions=versions(), commit=commit(), **fields)
+            if outcome["knowledge"] is not None:
+                self.library.save(cell, Knowledge.from_bytes(outcome["knowledge"])[0], record)
+            records.append(record)
         if records:
             self._results.add(*records)
         for record in records:

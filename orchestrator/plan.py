@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from search_spaces import Grid, Range, SearchSpace
-from search_spaces.space import Scenario
+from search_spaces.space import Scenario, SourceSpace
 from trainables.agents import agent_named
 from trainables.cell import Cell, Source
 from trainables.errors import InputError
@@ -38,6 +38,8 @@ class Pair:
     ranges: Mapping[str, Range] = field(default_factory=dict)
     sources: Mapping[int, Source] = field(default_factory=dict)
     """Seed to source; empty for an agent without one."""
+    libraries: Mapping[int, tuple[Source, ...]] = field(default_factory=dict)
+    """Seed to further sources; empty for an agent that takes one."""
 
     @property
     def key(self) -> Key:
@@ -52,11 +54,15 @@ class Pair:
 
     def owns(self, cell: Cell) -> bool:
         """Whether the cell is one of this pair: its task, agent, seeds and sources."""
-        return key_of(cell) == self.key and cell.seed in self.seeds and cell.source == self.sources.get(cell.seed)
+        given = self.sources.get(cell.seed), self.libraries.get(cell.seed, ())
+        return key_of(cell) == self.key and cell.seed in self.seeds and (cell.source, cell.library) == given
 
     def cells(self, values: Values) -> list[Cell]:
         """One cell per seed with these hyperparameters."""
-        return [Cell.create(self.agent, self.task, seed, values, self.sources.get(seed)) for seed in self.seeds]
+        return [
+            Cell.create(self.agent, self.task, seed, values, self.sources.get(seed), self.libraries.get(seed, ()))
+            for seed in self.seeds
+        ]
 
     def all_cells(self) -> list[Cell]:
         """The cells of the whole grid; none for a pair with ranges, whose cells come up as it is searched."""
@@ -83,6 +89,8 @@ class SourceChoice:
     """The best hyperparameters of the source's agent, those that stage 1 swept."""
     runs: Mapping[int, SourceRun]
     """By seed."""
+    library: tuple[SourceChoice, ...] = ()
+    """The same for each further task of the scenario's library."""
 
     def best_seed(self) -> int:
         """The seed with the best greedy evaluation; of those that reach the same, the one with the best AUC."""
@@ -91,7 +99,15 @@ class SourceChoice:
 
 def source_pairs(space: SearchSpace, params: Params) -> list[Pair | None]:
     """Stage 1 of each scenario: the source's agent on the source task; None where nothing is learned or chosen."""
-    return [_source_pair(space, scenario, params) for scenario in space.scenarios]
+    return [_source_pair(space, scenario, scenario.source.task, params) for scenario in space.scenarios]
+
+
+def library_pairs(space: SearchSpace, params: Params) -> list[list[Pair | None]]:
+    """Stage 1 of each scenario's library: the same as `source_pairs` on each of its further source tasks."""
+    return [
+        [_source_pair(space, scenario, task, params) for task in scenario.source.library]
+        for scenario in space.scenarios
+    ]
 
 
 def transfer_pairs(space: SearchSpace, choices: Sequence[SourceChoice], params: Params) -> list[Pair]:
@@ -101,17 +117,33 @@ def transfer_pairs(space: SearchSpace, choices: Sequence[SourceChoice], params: 
         for target, agent in itertools.product(scenario.targets, space.agents):
             kinds = scenario.source.kinds if agent_named(agent).needs_source else (None,)
             for kind in kinds:
-                sources = _sources(scenario, kind, choice, space.seeds)
+                sources = _sources(scenario.source, scenario.source.task, kind, choice, space.seeds)
                 pair = _pair(space, agent, target, dict(space.agents[agent]), choice.values, params, sources)
+                if agent_named(agent).several:
+                    pair = replace(pair, libraries=_libraries(scenario.source, target, kind, choice, space.seeds))
                 pairs.setdefault((pair.key, scenario.source.task if sources else ""), pair)
     return list(pairs.values())
 
 
-def _source_pair(space: SearchSpace, scenario: Scenario, params: Params) -> Pair | None:
+def _libraries(
+    source: SourceSpace, target: str, kind: str | None, choice: SourceChoice, seeds: Sequence[int]
+) -> dict[int, tuple[Source, ...]]:
+    """Seed to the sources of the library, without the target itself."""
+    own = parse_task(target).name
+    others = choice.library or (SourceChoice({}, {}),) * len(source.library)
+    columns = [
+        _sources(source, task, kind, other, seeds)
+        for task, other in zip(source.library, others, strict=True)
+        if parse_task(task).name != own
+    ]
+    return {seed: tuple(column[seed] for column in columns) for seed in seeds}
+
+
+def _source_pair(space: SearchSpace, scenario: Scenario, task: str, params: Params) -> Pair | None:
     source = scenario.source
     if not source.hyperparameters and "learned" not in source.kinds:
         return None
-    return _pair(space, source.agent, source.task, dict(source.hyperparameters), {}, params, {})
+    return _pair(space, source.agent, task, dict(source.hyperparameters), {}, params, {})
 
 
 def _pair(
@@ -139,8 +171,11 @@ def _pair(
     return Pair(agent, task, space.seeds, grid, ranges, sources)
 
 
-def _sources(scenario: Scenario, kind: str | None, choice: SourceChoice, seeds: Iterable[int]) -> dict[int, Source]:
-    task = parse_task(scenario.source.task)
+def _sources(
+    source: SourceSpace, name: str, kind: str | None, choice: SourceChoice, seeds: Iterable[int]
+) -> dict[int, Source]:
+    """Seed to what is known of the source task `name`."""
+    task = parse_task(name)
     if kind is None:
         return {}
     if kind == "exact":
@@ -148,7 +183,7 @@ def _sources(scenario: Scenario, kind: str | None, choice: SourceChoice, seeds: 
     missing = [seed for seed in seeds if seed not in choice.runs]
     if missing:
         raise InputError(f"the source {task.name} has no trained cell for seed {missing[0]}")
-    pick = scenario.source.pick
+    pick = source.pick
     if pick is None:
         pick = "own_seed" if task.tabular else "best_evaluated"
     if pick == "own_seed":

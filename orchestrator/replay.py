@@ -9,7 +9,7 @@ from orchestrator.results import Results
 from orchestrator.source_library import SourceLibrary
 from trainables import curve
 from trainables.errors import InputError
-from trainables.training import train
+from trainables.training import source_knowledge, train
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,7 @@ def replay(storage: Path, cell_id: str, sweep: str | None = None) -> Replay:
     if record is None or record.status != "done":
         raise InputError(f"the cell {cell_id} has failed ({record.error if record else 'no record'}): it has no curve")
     cell = record.cell
-    learned = cell.source is not None and cell.source.kind == "learned"
-    source = SourceLibrary(results.storage).load(str(cell.source.cell_id)) if learned and cell.source else None
+    source = source_knowledge(cell, SourceLibrary(results.storage).load) if cell.source else None
     again = curve.columns(train(cell, source))
     agrees = curve.digest(again) == record.digest
     difference = None if agrees else _first_difference(record.points, again)

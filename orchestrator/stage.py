@@ -21,7 +21,7 @@ from orchestrator.settings import Settings, Tally
 from trainables.agents import agent_named
 from trainables.cell import Cell
 from trainables.cell_run import Outcome, lost
-from trainables.training import exact_source
+from trainables.training import source_knowledge
 
 if TYPE_CHECKING:
     from orchestrator.schedulers import PairSchedulers
@@ -157,11 +157,7 @@ class Stages:
         sources: dict[str, Arrays] = {}
         for cell in cells:
             if cell.source is not None and cell.source_key not in sources:
-                if cell.source.kind == "exact":
-                    knowledge = exact_source(cell.source.task, cell.settings.gamma)
-                else:
-                    knowledge = self._ledger.library.load(str(cell.source.cell_id))
-                sources[cell.source_key] = dict(knowledge.arrays)
+                sources[cell.source_key] = dict(source_knowledge(cell, self._ledger.library.load).arrays)
         return sources
 
 

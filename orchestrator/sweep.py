@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
@@ -15,7 +16,7 @@ from orchestrator.aggregates import groups
 from orchestrator.errors import InterruptedSweepError, SweepError
 from orchestrator.ledger import Ledger
 from orchestrator.lock import locked
-from orchestrator.plan import Pair, SourceChoice, source_pairs, transfer_pairs
+from orchestrator.plan import Pair, SourceChoice, library_pairs, source_pairs, transfer_pairs
 from orchestrator.results import Results
 from orchestrator.selection import select
 from orchestrator.settings import Settings, Tally
@@ -64,17 +65,22 @@ class _Sweep:
     def train_sources(self) -> list[SourceChoice]:
         """Stage 1: the outcome of each scenario's source."""
         pairs = source_pairs(self._space, self._params)
+        libraries = library_pairs(self._space, self._params)
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
-        self._run(SOURCE, [pair for pair in pairs if pair is not None and pair.task not in self._given], keep)
-        planned = self._ledger.planned(SOURCE)
+        every = itertools.chain(pairs, *libraries)
+        self._run(SOURCE, [pair for pair in every if pair is not None and pair.task not in self._given], keep)
         return [
-            SourceChoice({}, {})
-            if pair is None
-            else given.choice(pair, self._given[pair.task])
-            if pair.task in self._given
-            else choose(self._ledger, pair, planned)
-            for pair in pairs
+            replace(self._choice(pair), library=tuple(self._choice(other) for other in library))
+            for pair, library in zip(pairs, libraries, strict=True)
         ]
+
+    def _choice(self, pair: Pair | None) -> SourceChoice:
+        """The outcome of stage 1 for one source."""
+        if pair is None:
+            return SourceChoice({}, {})
+        if pair.task in self._given:
+            return given.choice(pair, self._given[pair.task])
+        return choose(self._ledger, pair, self._ledger.planned(SOURCE))
 
     def transfer(self, choices: Sequence[SourceChoice]) -> None:
         """Stage 2."""

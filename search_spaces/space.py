@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -41,6 +42,9 @@ class SourceSpace(Strict):
     """Stage 1 of a scenario: the source task, and how its knowledge is made."""
 
     task: str
+    library: Annotated[tuple[str, ...], BeforeValidator(_tuple)] = ()
+    """Further source tasks, for agents that choose among several sources (delta_select); the others use `task` alone.
+    Each is trained as `task` is. On a target that is in the library itself, that one is left out."""
     agent: str = "q_learning"
     kinds: Kinds = ("learned",)
     """learned: trained by `agent` with the best of `hyperparameters`; exact: value iteration (tabular tasks)."""
@@ -105,14 +109,18 @@ class SearchSpace(Strict):
         for scenario in self.scenarios:
             source, targets = parse_task(scenario.source.task), [parse_task(name) for name in scenario.targets]
             _once("targets", [target.name for target in targets])
-            for target in targets:
-                _check_shapes(source, target)
+            library = [parse_task(name) for name in scenario.source.library]
+            _once("source.library, with source.task", [source.name, *(other.name for other in library)])
+            if library and not any(agent_named(name).several for name in self.agents):
+                raise ValueError("source.library is for an agent that chooses among several sources: add delta_select")
+            for target, other in itertools.product(targets, [source, *library]):
+                _check_shapes(other, target)
             base = agent_named(scenario.source.agent)
             if base.needs_source:
                 raise ValueError(f"source.agent must learn without a source (got {base.name})")
             if isinstance(scenario.source.pick, int) and scenario.source.pick not in self.seeds:
                 raise ValueError(f"source.pick must be one of the seeds (got {scenario.source.pick})")
-            self._check_agent(base, scenario.source.hyperparameters, [source])
+            self._check_agent(base, scenario.source.hyperparameters, [source, *library])
             for name, options in self.agents.items():
                 self._check_agent(agent_named(name), options, targets)
         return self

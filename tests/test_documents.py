@@ -51,7 +51,11 @@ def test_every_link_of_a_document_leads_somewhere(document: Path) -> None:
 def test_every_command_of_a_document_is_one(command: str) -> None:
     _, name, *rest = shlex.split(command.partition(">")[0])
     assert name in KNOWN
-    options = {option for parameter in KNOWN[name].params for option in parameter.opts}
+    known = KNOWN[name]
+    if hasattr(known, "commands"):
+        assert rest[0] in known.commands
+        known, rest = known.commands[rest[0]], rest[1:]
+    options = {option for parameter in known.params for option in parameter.opts}
     assert {word for word in rest if word.startswith("-")} <= options
     if name in ("sweep", "submit", "spaces") and rest:
         assert rest[0] in {*built_in(), "SPACE"} or rest[0].endswith(".yaml")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from trainables.agents import agent_named
 from trainables.agents.hyperparameters import Hyperparameters
@@ -43,6 +44,11 @@ class Source(BaseModel):
     """T, the training steps that the source run of this cell's own seed took (deep agents' decay constant C)."""
 
 
+Library = Annotated[
+    tuple[Source, ...], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
+]
+
+
 class Cell(BaseModel):
     """Everything that decides a result, and nothing else. Build one with `Cell.create`."""
 
@@ -54,6 +60,8 @@ class Cell(BaseModel):
     hyperparameters: dict[str, float | int | str | bool]
     """All of them, defaults filled in."""
     source: Source | None = None
+    library: Library = ()
+    """Further sources, for an agent that chooses among several; JSON and id know of it only where there are any."""
 
     @classmethod
     def create(
@@ -63,6 +71,7 @@ class Cell(BaseModel):
         seed: int,
         hyperparameters: dict[str, Any] | None = None,
         source: Source | None = None,
+        library: Iterable[Source] = (),
     ) -> Cell:
         """A checked cell with canonical names and all hyperparameters.
 
@@ -76,8 +85,15 @@ class Cell(BaseModel):
             raise InputError(f"{agent} takes no source (got {source.task})")
         if source is not None:
             source = _checked(source, named.kind)
+        others = tuple(_checked(other, named.kind) for other in library)
+        if others and not named.several:
+            raise InputError(f"{agent} takes one source, not a library ({', '.join(other.task for other in others)})")
+        if len({source, *others}) <= len(others):
+            raise InputError(f"the library of {agent} has a source twice")
         try:
-            return cls(agent=named.name, task=parsed.name, seed=seed, hyperparameters=full, source=source)
+            return cls(
+                agent=named.name, task=parsed.name, seed=seed, hyperparameters=full, source=source, library=others
+            )
         except ValidationError as error:
             raise from_validation("cell", error) from None
 
@@ -87,11 +103,15 @@ class Cell(BaseModel):
         return content_id(self.to_json())
 
     @property
+    def sources(self) -> tuple[Source, ...]:
+        """The source, then those of the library."""
+        return () if self.source is None else (self.source, *self.library)
+
+    @property
     def source_key(self) -> str:
-        """The name of the source's knowledge among those of a stage; empty for a cell without one."""
-        if self.source is None:
-            return ""
-        return self.source.cell_id or f"exact:{self.source.task}:{self.hyperparameters['gamma']!r}"
+        """The name of the sources' knowledge among those of a stage; empty for a cell without one."""
+        keys = [source.cell_id or f"exact:{source.task}:{self.hyperparameters['gamma']!r}" for source in self.sources]
+        return keys[0] if len(keys) == 1 else f"library:{content_id(keys)}" if keys else ""
 
     @property
     def settings(self) -> Hyperparameters:
@@ -101,12 +121,15 @@ class Cell(BaseModel):
     @property
     def group(self) -> str:
         """The id of what the cell shares with its other seeds: agent, task, kind of source and hyperparameters."""
-        source = None if self.source is None else [self.source.task, self.source.kind, self.source.checkpoint]
-        return content_id([self.agent, self.task, source, self.hyperparameters])
+        kinds = [[source.task, source.kind, source.checkpoint] for source in self.sources]
+        shared = [self.agent, self.task, kinds[0] if kinds else None, self.hyperparameters]
+        return content_id([*shared, kinds[1:]] if self.library else shared)
 
     def to_json(self) -> dict[str, Any]:
         """The cell as plain data, with its schema version."""
-        return {"schema": SCHEMA, **self.model_dump()}
+        data = self.model_dump()
+        library = list(data.pop("library"))
+        return {"schema": SCHEMA, **data} | ({"library": library} if library else {})
 
     @classmethod
     def from_json(cls, data: object) -> Cell:
@@ -119,7 +142,7 @@ class Cell(BaseModel):
             raw = cls.model_validate({key: value for key, value in data.items() if key != "schema"})
         except ValidationError as error:
             raise from_validation("cell", error) from None
-        return cls.create(raw.agent, raw.task, raw.seed, dict(raw.hyperparameters), raw.source)
+        return cls.create(raw.agent, raw.task, raw.seed, dict(raw.hyperparameters), raw.source, raw.library)
 
 
 def _checked(source: Source, kind: str) -> Source:

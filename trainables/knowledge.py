@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,10 @@ from trainables.errors import InputError
 
 META = "meta"
 """Name of the array that holds a file's JSON header."""
+
+
+MOST_BYTES = 2**30
+"""Largest unpacked size of a file that is read."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,10 @@ class Knowledge:
     def from_bytes(cls, data: bytes) -> tuple[Knowledge, dict[str, Any]]:
         """(knowledge, header) that `to_bytes` wrote; InputError for anything else, and where a bit has changed."""
         try:
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                size = sum(info.file_size for info in archive.infolist())
+            if size > MOST_BYTES:
+                raise ValueError(f"it unpacks to {size} bytes, more than {MOST_BYTES}")
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
                 arrays = {name: file[name] for name in file.files}
             meta = json.loads(arrays.pop(META).tobytes())
@@ -66,3 +75,23 @@ class Knowledge:
         if not isinstance(meta, dict) or meta.get("schema") != 1 or meta.get("digest") != knowledge.digest:
             raise InputError("its arrays do not agree with its checksum")
         return knowledge, meta
+
+
+def joined(several: Sequence[Knowledge]) -> Knowledge:
+    """The knowledge of several sources as one: array `name` of number i as `i/name`; that of a single one as it is."""
+    if len(several) == 1:
+        return several[0]
+    return Knowledge({f"{i}/{name}": array for i, each in enumerate(several) for name, array in each.arrays.items()})
+
+
+def parts(knowledge: Knowledge, count: int) -> list[Knowledge]:
+    """The `count` pieces of knowledge that `joined` made one of."""
+    if count == 1:
+        return [knowledge]
+    found: list[dict[str, NDArray[Any]]] = [{} for _ in range(count)]
+    for key, array in knowledge.arrays.items():
+        number, _, name = key.partition("/")
+        if not number.isdigit() or int(number) >= count:
+            raise InputError(f"the knowledge is not that of {count} sources")
+        found[int(number)][name] = array
+    return [Knowledge(arrays) for arrays in found]

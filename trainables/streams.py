@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-Role = Literal["training_env", "evaluation_env", "exploration", "network_init", "replay"]
+Role = Literal["training_env", "evaluation_env", "exploration", "network_init", "replay", "calibration"]
 
 _SPAWN_KEYS: dict[Role, int] = {
     "training_env": 0,
@@ -15,6 +15,7 @@ _SPAWN_KEYS: dict[Role, int] = {
     "exploration": 2,
     "network_init": 3,
     "replay": 4,
+    "calibration": 5,
 }
 
 

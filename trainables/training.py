@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from typing import Any, Protocol, runtime_checkable
 
@@ -13,7 +13,7 @@ from trainables.cell import Cell
 from trainables.delta.exact import exact_q
 from trainables.errors import InputError
 from trainables.evaluation import EvalPoint
-from trainables.knowledge import Knowledge
+from trainables.knowledge import Knowledge, joined
 from trainables.tasks import parse_task
 
 
@@ -108,10 +108,24 @@ def train(cell: Cell, source: Knowledge | None = None) -> Training:
     Raises InputError where a learned source is missing or does not fit the task.
     """
     if cell.source is not None and source is None:
-        if cell.source.kind == "learned":
-            raise InputError(f"cell {cell.id} needs the knowledge of its source cell {cell.source.cell_id}")
-        source = exact_source(cell.source.task, cell.settings.gamma)
+
+        def missing(cell_id: str) -> Knowledge:
+            raise InputError(f"cell {cell.id} needs the knowledge of its source cell {cell_id}")
+
+        source = source_knowledge(cell, missing)
     return Training(cell, source)
+
+
+def source_knowledge(cell: Cell, load: Callable[[str], Knowledge]) -> Knowledge:
+    """What the sources of `cell` know, as one: learned ones by `load(cell_id)`, exact ones computed."""
+    return joined(
+        [
+            load(str(source.cell_id))
+            if source.kind == "learned"
+            else exact_source(source.task, float(cell.hyperparameters["gamma"]))
+            for source in cell.sources
+        ]
+    )
 
 
 def exact_source(task: str, gamma: float) -> Knowledge:

@@ -58,6 +58,8 @@ def test_only_missing_cells_run_and_the_tables_are_the_same(storage: Path, ray_s
     lines = record_lines(results)
     missing = len(lines[::5])
     set_record_lines(results, (line for number, line in enumerate(lines) if number % 5))
+    for line in lines[::5]:  # the library would give the records of sources back
+        (storage / "sources" / f"{line.split(bytes([9]))[1].decode()}.npz").unlink(missing_ok=True)
     _, tally = sweep(storage)
     assert (tally.ran, tally.reused) == (missing, CELLS - missing)
     after, again = (timeless(table) for table in results.write_tables())

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import yaml
 
-from orchestrator.plan import Pair, SourceChoice, SourceRun, source_pairs, transfer_pairs
+from orchestrator.plan import Pair, SourceChoice, SourceRun, library_pairs, source_pairs, transfer_pairs
 from search_spaces import Grid, SearchSpace, built_in, load, parse
 from trainables.cell import Cell
 
@@ -18,7 +20,13 @@ def _source_choice(pair: Pair) -> SourceChoice:
 
 def _plan(space: SearchSpace) -> tuple[list[Cell], list[Cell]]:
     pairs = [pair for pair in source_pairs(space, {}) if pair is not None]
-    transfers = transfer_pairs(space, [_source_choice(pair) for pair in pairs], {})
+    libraries = [[pair for pair in library if pair is not None] for library in library_pairs(space, {})]
+    choices = [
+        replace(_source_choice(pair), library=tuple(_source_choice(other) for other in library))
+        for pair, library in zip(pairs, libraries, strict=True)
+    ]
+    transfers = transfer_pairs(space, choices, {})
+    pairs = [*pairs, *(pair for library in libraries for pair in library)]
     return (
         list({cell.id: cell for pair in pairs for cell in pair.all_cells()}.values()),
         list({cell.id: cell for pair in transfers for cell in pair.all_cells()}.values()),

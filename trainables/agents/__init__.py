@@ -31,6 +31,8 @@ class Agent:
     kind: Literal["tabular", "deep"] = "tabular"
     origin: Literal["built-in", "own", "missing"] = "built-in"
     """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
+    several: bool = False
+    """Whether it chooses among several sources: a cell of it may name a library beside the source."""
 
     @property
     def needs_source(self) -> bool:
@@ -67,6 +69,8 @@ class Agent:
 
 _LEARNER = "trainables.agents.q_learning:TabularLearner"
 _DEEP = "trainables.agents.dqn:DeepLearner"
+_SELECT = "trainables.agents.select:SelectLearner"
+_DEEP_SELECT = "trainables.agents.dqn_select:DeepSelectLearner"
 
 AGENTS: dict[str, Agent] = {
     agent.name: agent
@@ -89,9 +93,26 @@ AGENTS: dict[str, Agent] = {
             _LEARNER,
         ),
         Agent("q_warm_start", "Q-learning that starts from Q_src", hp.Transfer, "q_learning", _LEARNER),
+        Agent(
+            "delta_select",
+            "of several sources the one with the smallest delta along its own path, or none",
+            hp.DeltaSelect,
+            "q_learning",
+            _SELECT,
+            several=True,
+        ),
         Agent("dqn", "deep Q-learning without transfer", hp.DQN, None, _DEEP, "deep"),
         Agent("es", "explicit shaping: acts on Q + kappa A_src", hp.ExplicitShaping, "dqn", _DEEP, "deep"),
         Agent("delta_es", "Algorithm 2: explicit shaping scaled by delta", hp.DeltaShaping, "dqn", _DEEP, "deep"),
+        Agent(
+            "delta_select_es",
+            "explicit shaping by that of several sources whose delta is smallest, or none",
+            hp.DeltaSelectShaping,
+            "dqn",
+            _DEEP_SELECT,
+            "deep",
+            several=True,
+        ),
         Agent("dpba", "potential-based advice: reward shaping by A_src", hp.PotentialAdvice, "dqn", _DEEP, "deep"),
         Agent(
             "delta_dpba",

@@ -12,7 +12,7 @@ from trainables.jit import compiled
 
 
 @compiled
-def _best(q: F32, q_src: F32, delta: F32, kappa: float) -> int:
+def best_action(q: F32, q_src: F32, delta: F32, kappa: float) -> int:
     """argmax_a q + kappa exp(-max_b |delta|) A_src, the lowest index on ties; V_src cancels out of an argmax."""
     largest = np.float32(0.0)
     for a in range(len(delta)):
@@ -46,7 +46,7 @@ class Advice:
     def best(self, q: F32, observation: F32) -> int:
         """The action of eq. (5) where the agent's own values are q (actions,)."""
         delta = _NO_DELTA if self._delta is None else self._delta.row(observation)
-        return int(_best(q, self._source.row(observation), delta, self.kappa))
+        return int(best_action(q, self._source.row(observation), delta, self.kappa))
 
     def rows(self, observations: F32) -> F32:
         """The advice (n, actions) at the observations (n, inputs)."""

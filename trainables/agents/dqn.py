@@ -63,7 +63,7 @@ class DeepLearner:
         if source is not None and cell.source is not None:
             self._source = source_network(source, cell.source.checkpoint, settings, *shape, self._q)
             steps = int(source.arrays["steps"]) if cell.source.steps is None else cell.source.steps
-            self._advice = Advice(self._source, self._delta, _decay(settings, steps))
+            self._advice = Advice(self._source, self._delta, decay_constant(settings, steps))
         self._shapes_reward = isinstance(settings, PotentialAdvice)
 
     @property
@@ -239,7 +239,7 @@ class DeepLearner:
         self._best[:] = state["best"]
 
 
-def _decay(settings: DQN, steps: int) -> float:
+def decay_constant(settings: DQN, steps: int) -> float:
     """C of eq. (6), so that the advice ends after the share `advice_fraction` of the source run's steps; 0: never."""
     if not isinstance(settings, ExplicitShaping):
         return 0.0

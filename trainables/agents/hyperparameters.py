@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 Rate = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
+
+
+def _threshold(value: object) -> object:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if value != "auto" and not (number and 0 <= float(str(value)) < math.inf):
+        raise ValueError(f"must be a finite number of at least 0, or auto (got {value!r})")
+    return value
+
+
+Threshold = Annotated[float | Literal["auto"], BeforeValidator(_threshold)]
+"""auto: the noise floor of the source, what its delta comes to on its own task (`delta.calibration`)."""
 
 
 class Hyperparameters(BaseModel):
@@ -58,21 +70,36 @@ class ProbabilisticPolicyReuse(Transfer):
 class DeltaGate(Transfer):
     """Algorithm 1."""
 
-    threshold: NonNegative = 10.0
-    """Delta: the gate is open iff no |delta(s,a)| exceeds it (Table 5)."""
+    threshold: Threshold = 10.0
+    """Delta: the gate is open iff no |delta(s,a)| exceeds it (Table 5); auto: the source's own noise floor."""
 
 
 class ConfidenceGate(Transfer):
     """Algorithm 1 with a gate that asks for significance, not for size alone; beyond the paper."""
 
-    threshold: NonNegative = 1.0
-    """Delta: the gate closes iff some |mean| - z se exceeds it."""
+    threshold: Threshold = 1.0
+    """Delta: the gate closes iff some |mean| - z se exceeds it; auto: the source's own noise floor."""
     z: NonNegative = 3.0
     """Standard errors that are given to chance."""
     min_visits: Annotated[int, Field(ge=2)] = 5
     """Visits before a pair counts."""
     sd_floor: Positive = 0.3
     """se = max(sd, sd_floor) / sqrt(n)."""
+
+
+class DeltaSelect(QLearning):
+    """Follows the source of a library whose delta along its own path is smallest, or none; beyond the paper."""
+
+    practice: Probability = 0.5
+    """Share of the episodes that Q_trg plays itself, however good a source is."""
+    z: NonNegative = 3.0
+    """Standard errors that a source which was followed seldom is given."""
+    sd_floor: Positive = 0.3
+    """se = max(sd, sd_floor) / sqrt(n), with the standard deviation over the episodes of all sources."""
+    keep: Probability = 0.5
+    """Share of what a source promises over an untrained Q_trg that it must keep to be followed."""
+    own_rate: Rate = 0.05
+    """Rate of the running mean of Q_trg's own returns, which a source must exceed."""
 
 
 class DQN(Hyperparameters):
@@ -134,6 +161,17 @@ class DeltaShaping(ExplicitShaping):
 
     delta_learning_rate: Rate = 5e-4
     """alpha_d, the step size of the delta network (Table 7)."""
+
+
+class DeltaSelectShaping(ExplicitShaping):
+    """Explicit shaping by the source of a library with the smallest delta, or by none; beyond the paper."""
+
+    threshold: NonNegative = 1.0
+    """Advice is taken from a source only while its delta exceeds the delta on its own task by no more than this."""
+    z: NonNegative = 3.0
+    """Standard errors, over episodes, that delta's excess is given to chance."""
+    memory: Count = 100
+    """Episodes after which a sample of delta counts for 1/e of a new one."""
 
 
 class PotentialAdvice(DQN):

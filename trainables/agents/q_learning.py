@@ -21,6 +21,7 @@ from trainables.agents.hyperparameters import (
 )
 from trainables.cell import Cell
 from trainables.delta import tabular
+from trainables.delta.calibration import calibrated
 from trainables.delta.exact import model_of
 from trainables.delta.tabular import DeltaRule, DeltaTable
 from trainables.evaluation import EvalPoint, expected_return
@@ -150,6 +151,9 @@ class TabularLearner:
         self._model = model_of(cell.task)
         self._tables = _tables(cell.agent, self._dynamics, source)
         self._rule = _rule(cell.agent, settings, source is not None)
+        self._calibrated = cell.source is not None and getattr(settings, "threshold", None) == "auto"
+        if self._calibrated:
+            self._rule = self._rule._replace(delta=calibrated(cell, self._tables.q_src, self._rule.delta))
         self._counts = Counts(*(np.zeros(1, np.int64) for _ in Counts._fields))
         self._env_rng = stream(cell.seed, "training_env", cell.task)
         self._explore_rng = stream(cell.seed, "exploration", cell.task)
@@ -223,6 +227,8 @@ class TabularLearner:
             statistics["gate_open"] = gate_open
             statistics["gate_open_share"] = followed / steps if steps else gate_open
             statistics["gate_flips"] = float(counts.flips[0])
+        if self._calibrated:
+            statistics["threshold"] = self._rule.delta.threshold
         if self._rule.reuse == Reuse.PSI:
             statistics["psi"] = float(self._psi(np.array([self._episode]))[0])
             statistics["source_action_share"] = followed / steps if steps else statistics["psi"]
@@ -236,12 +242,18 @@ def _tables(agent: str, dynamics: Dynamics, source: Knowledge | None) -> Tables:
     return Tables(q, q_src, q_src.max(axis=1), q_src.argmax(axis=1), tabular.empty_table(*shape))
 
 
+def _threshold(settings: QLearning) -> float:
+    """Delta; infinity for an agent without a gate, and until it is calibrated."""
+    given = settings.threshold if isinstance(settings, DeltaGate | ConfidenceGate) else "auto"
+    return np.inf if given == "auto" else float(given)
+
+
 def _rule(agent: str, settings: QLearning, has_source: bool) -> Rule:
     confident = isinstance(settings, ConfidenceGate)
     delta = DeltaRule(
         confident=confident,
         learning_rate=settings.delta_learning_rate if isinstance(settings, Transfer) else 0.0,
-        threshold=settings.threshold if isinstance(settings, DeltaGate | ConfidenceGate) else np.inf,
+        threshold=_threshold(settings),
         z=settings.z if isinstance(settings, ConfidenceGate) else 0.0,
         min_visits=settings.min_visits if isinstance(settings, ConfidenceGate) else 0,
         sd_floor=settings.sd_floor if isinstance(settings, ConfidenceGate) else 0.0,

@@ -43,6 +43,19 @@ def empty_table(states: int, actions: int) -> DeltaTable:
 
 
 @compiled
+def size(table: DeltaTable, rule: DeltaRule, state: int, action: int) -> float:
+    """What is held against the threshold: |delta|, or the confidence gate's |mean| - z se (0 before min_visits)."""
+    largest: float = abs(table.delta[state, action])
+    if not rule.confident:
+        return largest
+    visits = table.visits[state, action]
+    if visits < rule.min_visits:
+        return 0.0
+    sd = max(math.sqrt(table.squares[state, action] / visits), rule.sd_floor)
+    return float(largest - rule.z * sd / math.sqrt(visits))
+
+
+@compiled
 def update(table: DeltaTable, rule: DeltaRule, state: int, action: int, sample: float) -> int:
     """Take in one sample r + gamma V_src(s') - Q_src(s,a); the change in the number of pairs over the threshold."""
     visits = table.visits[state, action] + 1
@@ -51,12 +64,9 @@ def update(table: DeltaTable, rule: DeltaRule, state: int, action: int, sample: 
     if rule.confident:
         table.delta[state, action] += error / visits
         table.squares[state, action] += error * (sample - table.delta[state, action])
-        sd = max(math.sqrt(table.squares[state, action] / visits), rule.sd_floor)
-        sure = abs(table.delta[state, action]) - rule.z * sd / math.sqrt(visits)
-        over = visits >= rule.min_visits and sure > rule.threshold
     else:
         table.delta[state, action] += rule.learning_rate * error
-        over = abs(table.delta[state, action]) > rule.threshold
+    over = size(table, rule, state, action) > rule.threshold
     change = int(over) - int(table.over[state, action])
     table.over[state, action] = over
     return change

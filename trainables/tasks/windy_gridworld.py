@@ -6,6 +6,9 @@ four at random; that move and the wind of the column that was left are added; th
 
 from __future__ import annotations
 
+import hashlib
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -57,6 +60,9 @@ def step(state: int, action: int, parameters: NDArray[np.float64], rng: np.rando
     return next_state, -1.0, next_state == int(parameters[0])
 
 
+_columns = integers(SIZE, -19, 19)
+
+
 def _cell(position: tuple[int, int]) -> int:
     row, column = position
     return row * SIZE + column
@@ -87,6 +93,14 @@ def model(context: Context) -> TransitionModel:
     return TransitionModel(transitions, rewards, dyn.start, TIME_LIMIT)
 
 
+def _wind(text: str) -> tuple[int, ...]:
+    """A wind as written, or random-N: number N of the random ones, each column one of -2..2, the same everywhere."""
+    if re.fullmatch(r"random-\d{1,9}", text) is None:
+        return _columns(text)
+    digest = hashlib.sha256(text.encode()).digest()
+    return tuple(byte % 5 - 2 for byte in digest[:SIZE])
+
+
 def _check(context: Context) -> None:
     if context["start"] == context["goal"]:
         raise InputError(f"windy_gridworld: start and goal must differ (both are {list(context['start'])})")
@@ -96,7 +110,7 @@ FAMILY = TaskFamily(
     name="windy_gridworld",
     description="20 x 20 grid with a wind per column; -1 a step until the goal, 200 steps at most",
     features=(
-        ContextFeature("wind", SOURCE_WIND, "upward wind of each of the 20 columns", integers(SIZE, -19, 19), WINDS),
+        ContextFeature("wind", SOURCE_WIND, "upward wind of each of the 20 columns, or random-N", _wind, WINDS),
         ContextFeature("start", (3, 0), "start [row,column], row 0 at the top", integers(2, 0, SIZE - 1)),
         ContextFeature("goal", (17, 14), "goal [row,column]", integers(2, 0, SIZE - 1)),
     ),
