@@ -12,7 +12,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,9 @@ PACKAGES = ("trainables", "search_spaces", "orchestrator", "dashboards")
 
 NODE_PATIENCE = 600.0
 """Seconds that a cluster may take to have a node that a cell fits on."""
+
+NODE_ANSWER = 120.0
+"""Seconds that a node may take to start a worker and say what it sees."""
 
 HEAD_PATIENCE = 45.0
 """Seconds without an answer after which the head counts as gone. Ray itself ends its processes after 60."""
@@ -60,6 +63,7 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
 def _join(address: str) -> None:
     check_address(address)
     if "RAY_JOB_CONFIG_JSON_ENV_VAR" in os.environ:  # a job: the cluster has its code already
+        os.chdir(tempfile.gettempdir())  # nodes that share a disk unpack the code anew, over this folder
         ray.init(address=address, **_QUIET)
         return
     folder = stage_code(Path(tempfile.mkdtemp(prefix="deltatune-code-")))
@@ -171,19 +175,27 @@ def _nodes() -> list[dict[str, Any]]:
 
 
 def blind_nodes(folder: Path) -> list[str]:
-    """Host names of the nodes that do not see what is written to `folder` here."""
+    """Host names of the nodes that do not see what is written to `folder` here; those that are dying say nothing."""
     there = nodes()
     if len(there) < 2 or not is_local(folder):
         return []
     probe = Path(tempfile.mkstemp(dir=folder, prefix=".probe-")[1])
     try:
         probe.write_text(token := hashlib.sha256(os.urandom(16)).hexdigest())
-        seen: Sequence[bool] = ray.get([_on(node, _sees).remote(str(probe), token) for node, _ in there], timeout=120)
-    except ray.exceptions.RayError as error:
-        raise InputError(f"the nodes of the cluster cannot be asked for {folder}: {error}") from None
+        asked = {host: _on(node, _sees).remote(str(probe), token) for node, host in there}
+        ray.wait(list(asked.values()), num_returns=len(asked), timeout=NODE_ANSWER)
+        return [host for host, answer in asked.items() if _answered(answer) is False]
     finally:
         probe.unlink(missing_ok=True)
-    return [host for (_, host), sees in zip(there, seen, strict=True) if not sees]
+
+
+def _answered(answer: Any) -> bool | None:
+    """What a node has said; None where it is gone, or does not answer."""
+    try:
+        seen: bool = ray.get(answer, timeout=0)
+    except ray.exceptions.RayError:
+        return None
+    return seen
 
 
 def kill(node: str, pid: int) -> None:
