@@ -15,9 +15,13 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
 
+import yaml
+
 from orchestrator.cluster import stage_code, unreachable
 from orchestrator.errors import SweepError
+from search_spaces import SearchSpace
 from trainables.errors import InputError
+from trainables.plugins.files import packed
 
 SPACE_FILE = "space.yaml"
 """The search space beside the code that is sent."""
@@ -42,10 +46,15 @@ def client(address: str) -> Any:
         raise InputError(f"no job can be sent to '{address}': {text} (it needs deltatune[cluster])") from None
 
 
-def submit(head: Any, space: bytes, words: Sequence[str], name: str) -> str:
-    """Send `deltatune sweep` with `words` and the search space's YAML; the job's id."""
+def submit(head: Any, space: SearchSpace, words: Sequence[str], name: str) -> str:
+    """Send `deltatune sweep` with `words`, the search space, and the files that either names; the job's id."""
+    files = {SPACE_FILE: yaml.safe_dump(space.to_json(), sort_keys=False).encode()}
+    files |= {key.partition("@")[0]: source for key, source in packed().items()}
+    named = {word: Path(word) for word in words if Path(word).is_file()}
+    files |= {path.name: path.read_bytes() for path in named.values()}
+    words = [named[word].name if word in named else word for word in words]
     entrypoint = shlex.join(["python", "-m", "orchestrator.cli", "sweep", SPACE_FILE, *words, "--address", "auto"])
-    with _package({SPACE_FILE: space}) as folder:
+    with _package(files) as folder:
         return _send(head, entrypoint, folder, {"deltatune_sweep": name})
 
 

@@ -121,10 +121,10 @@ class Stages:
         packs, alone = [], work.missing
         if together:
             rivals = {cell.id for pair in work.pairs if len(pair.grid) > 1 for cell in pair.all_cells()}
-            configurations: dict[tuple[str, str], list[Cell]] = {}
+            configurations: dict[str, list[Cell]] = {}
             for cell in work.missing:
                 if cell.id in rivals:
-                    configurations.setdefault((cell.group, str(cell.source)), []).append(cell)
+                    configurations.setdefault(cell.group, []).append(cell)
             packs = [Pack(tuple(cells), together=True) for cells in configurations.values()]
             alone = [cell for cell in work.missing if cell.id not in rivals]
         tabular = [cell for cell in alone if agent_named(cell.agent).kind == "tabular"]

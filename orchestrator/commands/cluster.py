@@ -26,8 +26,6 @@ def submit(
     from orchestrator.environment import prepare
 
     prepare(joins_cluster=True)
-    import yaml
-
     from orchestrator import jobs
     from orchestrator.files import absolute
     from search_spaces import load
@@ -40,8 +38,7 @@ def submit(
     check_options(["space.yaml", *words, "--name", name])
     head = jobs.client(address)
     jobs.check_storage(head, storage)
-    data = yaml.safe_dump(wanted.to_json(), sort_keys=False).encode()
-    job = jobs.submit(head, data, [*words, "--name", name], name)
+    job = jobs.submit(head, wanted, [*words, "--name", name], name)
     out.print(f"Job {job} runs the sweep {name}. Its progress and its log:", soft_wrap=True)
     for command in ("watch", "logs"):
         out.print(f"  {program()} {command} {name} --storage {storage}", soft_wrap=True)

@@ -145,7 +145,7 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
 
 @app.command()
 def replay(
-    cell_id: Annotated[str, typer.Argument(help="16 hexadecimal digits: the name of a file in SWEEP/cells.")],
+    cell_id: Annotated[str, typer.Argument(help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")],
     name: Annotated[str | None, typer.Option("--sweep", help="Look in this sweep alone.")] = None,
     file: Annotated[list[str] | None, typer.Option("--file", help="Run this own file first; repeat for more.")] = None,
     storage: Storage = RESULTS,

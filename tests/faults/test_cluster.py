@@ -142,6 +142,27 @@ def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: P
     assert "a worker was lost: " in log
 
 
+def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> None:
+    from search_spaces import load
+
+    class Head:
+        """Notes what it is sent."""
+
+        def submit_job(self, entrypoint: str, runtime_env: dict[str, str], metadata: dict[str, str]) -> str:
+            folder = Path(runtime_env["working_dir"])
+            self.entrypoint, self.files = entrypoint, {path.name: path for path in folder.iterdir()}
+            self.space = load(str(folder / jobs.SPACE_FILE))
+            return "job"
+
+    head = Head()
+    (tmp_path / "best.yaml").write_text("x: 1")
+    assert jobs.submit(head, load("demo"), ["--params", str(tmp_path / "best.yaml"), "--seeds", "2"], "n") == "job"
+    assert "sweep space.yaml --params best.yaml --seeds 2 --address auto" in head.entrypoint
+    assert head.space == load("demo")
+    assert {"trainables", "search_spaces", "orchestrator", "dashboards", "best.yaml"} <= set(head.files)
+    assert not any(path.exists() for path in head.files.values()), "what was sent is cleaned up"
+
+
 def test_a_storage_that_other_nodes_do_not_see_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     class Head:
         """Says what a cluster with a blind node says."""

@@ -41,7 +41,8 @@ def test_a_disk_that_is_full_while_records_are_written_stops_the_sweep_and_loses
     there = len(Results.open(tmp_path, "small").heads())
     assert 0 < there < CELLS
     _, tally = sweep(tmp_path)
-    assert (tally.reused, tally.ran) == (there, CELLS - there)
+    assert tally.reused >= there, "a source whose knowledge was saved before its record is not trained again"
+    assert tally.reused + tally.ran == CELLS
     assert_same(tmp_path, finished)
 
 
@@ -69,7 +70,7 @@ def test_a_torn_and_a_flipped_record_are_run_again_and_nothing_else(finished: Pa
     shutil.copytree(finished, tmp_path / "copy")
     storage = tmp_path / "copy"
     *lines, last = record_lines(Results.open(storage, "small"))
-    lines[3] = lines[3].replace(b'"done"', b'"dono"')
+    lines[-3] = lines[-3].replace(b'"done"', b'"dono"')
     set_record_lines(Results.open(storage, "small"), [*lines, last[: len(last) // 2]])
     _, tally = sweep(storage)
     assert (tally.reused, tally.ran) == (CELLS - 2, 2)

@@ -11,6 +11,7 @@ from conftest import DEEP, LONGER
 from harness import assert_same, driver, ended, sweep, wait_for
 
 from orchestrator.results import Results
+from trainables import checkpoint
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
@@ -31,19 +32,16 @@ def test_a_sweep_that_is_asked_to_stop_ends_gracefully_and_goes_on(
     assert_same(tmp_path, calm)
 
 
-def test_deep_cells_are_checkpointed_before_an_interrupted_sweep_ends(calm_deep: Path, tmp_path: Path) -> None:
-    with driver(tmp_path, "--no-mlflow", "--checkpoint-every", "10000", **DEEP) as process:
-        wait_for(lambda: "workers" not in log(tmp_path) and running(tmp_path), process)
+def test_deep_cells_are_checkpointed_before_an_interrupted_sweep_ends(tmp_path: Path) -> None:
+    long = DEEP | {"hyperparameters": DEEP["hyperparameters"] | {"episodes": [100_000]}}
+    with driver(tmp_path, "--no-mlflow", "--checkpoint-every", "10000", **long) as process:
+        wait_for(lambda: running(tmp_path), process)
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=120)
     assert process.returncode == 130
-    saved = list((tmp_path / "small" / "checkpoints").glob("*.checkpoint"))
-    assert saved, "no time between checkpoints has passed, so these were made for the interrupt"
-    before = {path.stem for path in saved}
-    assert before & {cell.id for cell in Results.open(tmp_path, "small").plan()["source"]}
-    sweep(tmp_path, **DEEP)
-    assert_same(tmp_path, calm_deep)
-    assert not list((tmp_path / "small" / "checkpoints").glob("*"))
+    saved = {path.stem: checkpoint.load(path) for path in (tmp_path / "small" / "checkpoints").glob("*.checkpoint")}
+    assert set(saved) == {cell.id for cell in Results.open(tmp_path, "small").plan()["source"]}
+    assert all(len(state["points"]["episode"]) > 1 for state in saved.values())
 
 
 def log(storage: Path) -> str:

@@ -100,6 +100,16 @@ def test_the_same_command_runs_nothing_again_and_without_the_scheduler_what_was_
     assert {head.status for head in results.heads().values()} == {"done"}
 
 
+def test_seeds_with_sources_of_their_own_are_stopped_together_too(ray_session: None, tmp_path: Path) -> None:
+    data = space()
+    data["scenarios"][0]["source"]["hyperparameters"] = {"learning_rate": [0.5]}
+    data["agents"] = {"q_learning": {}, "ppr": {"nu": [0.5, 0.7, 0.9, 0.99, 0.999]}}
+    results, tally = sweep(tmp_path, data)
+    assert tally.stopped > 0
+    cells, _ = results.write_tables()
+    assert cells.groupby("group")["status"].nunique().max() == 1
+
+
 def test_median_stopping_stops_some_too(ray_session: None, tmp_path: Path) -> None:
     _, tally = sweep(tmp_path, space("median"))
     assert tally.failed == 0
