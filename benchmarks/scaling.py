@@ -21,7 +21,7 @@ from typing import Any
 
 SEEDS = 10
 
-WORK_EPISODES = 1250
+WORK_EPISODES = 8700
 """Episodes of q_learning that take about 50 ms with their evaluations."""
 
 

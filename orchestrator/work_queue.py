@@ -14,10 +14,10 @@ from orchestrator.search import Tuned
 from trainables.agents import agent_named
 from trainables.cell import Cell
 
-TARGET_SECONDS = 2.0
+TARGET_SECONDS = 4.0
 """What a trial should take at least: its start and end cost the driver about a twentieth of a second."""
 
-MOST = 64
+MOST = 128
 """Most cells of one trial."""
 
 MOST_TRIALS = 20_000

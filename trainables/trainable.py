@@ -33,7 +33,7 @@ Config = dict[str, Any]
 PROGRESS_SECONDS = 2.0
 """Time between reports of a long cell's progress."""
 
-OUTCOME_SECONDS = 0.5
+OUTCOME_SECONDS = 1.0
 """Time between reports of ended cells, and between two looks for the driver's wish to stop."""
 
 STOP = "STOP"
@@ -165,7 +165,7 @@ def _run_together(runs: Sequence[CellRun], stop: StopFile) -> None:
 
 
 class StopFile:
-    """Whether the driver has asked its workers to stop; looked up at most twice a second."""
+    """Whether the driver has asked its workers to stop; looked up once a second at the most."""
 
     def __init__(self, folder: Path | None) -> None:
         self._path = folder / STOP if folder else None
