@@ -12,6 +12,7 @@ from collections import Counter
 from pathlib import Path
 
 import pandas as pd
+import pytest
 import yaml
 from conftest import CELLS, SPACE, timeless
 from mlflow.tracking import MlflowClient
@@ -52,6 +53,7 @@ def test_a_killed_sweep_goes_on_with_its_missing_cells(tmp_path: Path) -> None:
     assert set(mlflow_runs(killed).values()) == {1}
 
 
+@pytest.mark.slow  # tests/faults/test_remote.py does the same on an object store
 def test_a_killed_deep_sweep_goes_on_from_its_checkpoints(tmp_path: Path) -> None:
     space = tmp_path / "space.yaml"
     values = {"episodes": [400], "evaluate_every": [20], "evaluation_episodes": [5], "hidden_size": [32]}

@@ -25,8 +25,12 @@ pytest.importorskip("ray.dashboard.optional_deps", reason="needs ray[default]")
 pytest.importorskip("aiohttp_cors", reason="needs ray[default]")
 
 
-TOKEN = os.environ | {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
-"""The environment of the cluster, and of those who may join it."""
+TOKEN = os.environ | {
+    "RAY_AUTH_MODE": "token",
+    "RAY_AUTH_TOKEN": secrets.token_hex(32),
+    "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+}
+"""The environment of the cluster, whose `python` runs its jobs, and of those who may join it."""
 
 
 def free_port() -> int:

@@ -75,9 +75,9 @@ def test_a_cell_that_hangs_is_ended_at_its_time_limit_and_the_rest_of_its_pack_r
 
     with monkeypatch.context() as patch:
         on_start(patch, stop)
-        results, tally = sweep(tmp_path, Settings(time_limit=20))
+        results, tally = sweep(tmp_path, Settings(time_limit=8))
     assert (tally.ran, tally.failed) == (CELLS, 1)
-    assert results.heads()[bad.id].error == "it took longer than its time limit of 20 s"
+    assert results.heads()[bad.id].error == "it took longer than its time limit of 8 s"
     _, tally = sweep(tmp_path, Settings(retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
     assert_same(tmp_path, finished)
