@@ -99,10 +99,6 @@ class Display:
         self._progress.running(packs)
         self._show()
 
-    def grow(self, cells: int) -> None:
-        """There are more cells to run than was known."""
-        self._progress.total += cells
-
     def note(self, text: str) -> None:
         """Say something that happened."""
         self._journal.write(text)
