@@ -19,10 +19,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from benchmarks.cell_length import episodes_of
+
 SEEDS = 10
 
-WORK_EPISODES = 8700
-"""Episodes of q_learning that take about 50 ms with their evaluations."""
+WORK_SECONDS = 0.05
+"""Length of a cell whose work is weighed against what a sweep costs beside it."""
 
 
 def space(cells: int, episodes: int) -> dict[str, Any]:
@@ -40,8 +42,8 @@ def space(cells: int, episodes: int) -> dict[str, Any]:
     }
 
 
-def measure(cells: int, episodes: int) -> dict[str, float]:
-    """Run a sweep in this process: seconds of each part, and the peak memory of this process in MiB."""
+def measure(cells: int, length: float) -> dict[str, float]:
+    """A sweep of cells `length` seconds long (0: one episode): seconds of each part; this process's peak MiB."""
     from orchestrator.environment import prepare
 
     prepare()
@@ -65,25 +67,24 @@ def measure(cells: int, episodes: int) -> dict[str, float]:
         return result
 
     with tempfile.TemporaryDirectory(prefix="deltatune-scaling-") as folder:
-        wanted = timed("read", lambda: parse("scaling", space(cells, episodes)))
-        results = Results.create(Path(folder), "scaling", wanted)
         with connected(None, None, Resources()):
-            warm = Results.create(Path(folder), "warm", parse("scaling", space(10, 1)))
-            run(warm, Settings(), Console(quiet=True))  # workers' processes and imports are not a cell's cost
+            found = episodes_of(length, lambda number: space(SEEDS, number), Path(folder))  # and warms
+            wanted = timed("read", lambda: parse("scaling", space(cells, found)))
+            results = Results.create(Path(folder), "scaling", wanted)
             tally = timed("run", lambda: run(results, Settings(), Console(quiet=True)))
         assert (tally.ran, tally.failed) == (cells, 0)
         timed("tables", results.write_tables)
-        timed("publish", lambda: publish(results))
-        timed("mlflow", lambda: tracking.sync(results, f"sqlite:///{folder}/mlflow.db", []))
+        published = timed("publish", lambda: publish(results))
+        timed("mlflow", lambda: tracking.sync(published.findings, f"sqlite:///{folder}/mlflow.db", []))
         timed("status", lambda: sweep_status(Results.open(Path(folder), "scaling")))
         timed("again", lambda: run(Results.open(Path(folder), "scaling"), Settings(), Console(quiet=True)))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"cells": cells, "workers": tally.workers, "work": tally.training_seconds, **seconds, "driver_mib": memory}
 
 
-def in_a_process(cells: int, episodes: int) -> dict[str, float]:
+def in_a_process(cells: int, length: float) -> dict[str, float]:
     """`measure` in a fresh process."""
-    command = [sys.executable, "-m", "benchmarks.scaling", "--measure", str(cells), str(episodes)]
+    command = [sys.executable, "-m", "benchmarks.scaling", "--measure", str(cells), str(length)]
     output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     found: dict[str, float] = json.loads(output.splitlines()[-1])
     return found
@@ -94,14 +95,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--cells", type=int, nargs="*", default=[1000, 3000, 10000], help="sizes of the no-op sweeps")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--measure", type=int, nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--measure", nargs=2, type=float, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.measure:
-        print(json.dumps(measure(*asked.measure)))
+        print(json.dumps(measure(int(asked.measure[0]), asked.measure[1])))
         return
-    work = in_a_process(1000, WORK_EPISODES)
+    work = in_a_process(1000, WORK_SECONDS)
     work["efficiency"] = work["work"] / work["workers"] / work["run"]
-    nothing = [in_a_process(cells, 1) for cells in asked.cells]
+    nothing = [in_a_process(cells, 0.0) for cells in asked.cells]
     if asked.json:
         print(json.dumps({"overhead": work, "no-op": nothing, "load": os.getloadavg()[0]}, indent=1))
         return

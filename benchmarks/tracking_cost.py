@@ -1,83 +1,46 @@
-"""What recording in MLflow costs a sweep: `python -m benchmarks.tracking_cost [--episodes N] [--json]`.
+"""What recording in MLflow costs a sweep: `python -m benchmarks.tracking_cost [--seconds S] [--json]`.
 
-200 cells of the paper's gate, each with 51 points of 6 curves and 8 final figures (314 metrics), without MLflow, with
-a sqlite store, with a server on loopback, and with a server that is dead for the middle third of the cells. The sweeps
-run in turn on one Ray, the first one twice, so that the noise of the machine shows.
+200 cells of the paper's gate, each with 45 points of 7 curves and its final figures (over 320 metrics), with a sqlite
+store, with a server on loopback, and with a server that is dead for the middle third of the cells. Everything shares
+this machine's cores, the server too. Before, between and after them the same sweep runs without MLflow: their median
+is what the others are held against, and their range shows the machine's noise.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import os
-import signal
-import socket
-import subprocess
-import sys
+import statistics
 import tempfile
 import time
-import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-CELLS, POINTS = 200, 50
+from benchmarks.cell_length import episodes_of
+from benchmarks.tracking_server import TrackingServer
+
+CELLS, POINTS = 200, 44
 
 
-def space(episodes: int) -> dict[str, Any]:
-    """CELLS cells of the paper's gate with an exact source."""
+def space(episodes: int, cells: int = CELLS) -> dict[str, Any]:
+    """`cells` cells of the paper's gate with an exact source."""
     targets = ["windy_gridworld:wind=small", "windy_gridworld:wind=reversed"]
     return {
         "schema": 1,
         "name": "cost",
-        "seeds": CELLS // len(targets),
+        "seeds": cells // len(targets),
         "scenarios": [{"source": {"task": "windy_gridworld", "kinds": ["exact"]}, "targets": targets}],
         "agents": {"delta_gate": {"threshold": [3.0]}},
         "hyperparameters": {"episodes": [episodes], "evaluate_every": [episodes // POINTS]},
     }
 
 
-class Server:
-    """`mlflow server` with a database, on loopback."""
-
-    def __init__(self, folder: Path) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._port = str(probe.getsockname()[1])
-        self.uri = f"http://127.0.0.1:{self._port}"
-        self._store = f"sqlite:///{folder}/server.db"
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def start(self, wait: bool = True) -> None:
-        """Start it, and wait until it answers."""
-        words = ["server", "--backend-store-uri", self._store, "--workers", "1", "--host", "127.0.0.1"]
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "mlflow", *words, "--port", self._port],
-            env=os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        while wait and not self._answers():
-            time.sleep(0.2)
-
-    def kill(self) -> None:
-        """End it at once."""
-        assert self._process is not None
-        os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-
-    def _answers(self) -> bool:
-        with contextlib.suppress(OSError), urllib.request.urlopen(f"{self.uri}/health", timeout=2) as answer:
-            return bool(answer.status == 200)
-        return False
-
-
 def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], None] = lambda n: None) -> dict[str, Any]:
-    """Run the sweep: seconds of it, and of what MLflow takes after its end; runs there."""
+    """Run the sweep: seconds of it, and of what MLflow takes after its end; runs and metrics there."""
     from rich.console import Console
 
+    from orchestrator.findings import find
     from orchestrator.results import Results
     from orchestrator.settings import Settings
     from orchestrator.sweep import run
@@ -98,67 +61,79 @@ def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], No
     started = time.perf_counter()
     tally = run(results, Settings(), Console(quiet=True), told)
     ran = time.perf_counter()
-    if tracker and tracker.finish([]) is None:
+    if tracker and tracker.finish(find(results), []) is None:
         raise RuntimeError(f"MLflow has not got everything: {tracker.error}")
     after = time.perf_counter() - ran
-    return {"run": ran - started, "after": after, "cell": tally.training_seconds / CELLS, "runs": runs(uri)}
+    return {"run": ran - started, "after": after, "cell": tally.training_seconds / CELLS} | (there(uri) if uri else {})
 
 
-def runs(uri: str | None) -> int:
-    """Finished runs of cells in a store."""
-    if uri is None:
-        return 0
+def there(uri: str) -> dict[str, int]:
+    """Finished runs of cells in a store, and the metrics of one."""
     from mlflow.tracking import MlflowClient
 
     client = MlflowClient(uri)
     experiment = client.get_experiment_by_name("deltatune/cost")
     found = client.search_runs([experiment.experiment_id], "tags.kind = 'cell'", max_results=1000)
-    return sum(run.info.status == "FINISHED" for run in found)
+    one = found[0]
+    metrics = sum(len(client.get_metric_history(one.info.run_id, name)) for name in one.data.metrics)
+    return {"runs": sum(run.info.status == "FINISHED" for run in found), "metrics": metrics}
 
 
-def measure(episodes: int) -> dict[str, dict[str, Any]]:
-    """All of them, in turn."""
+def measure(seconds: float) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Each of them when it is done."""
     from orchestrator.cluster import connected
     from orchestrator.settings import Resources
 
     with tempfile.TemporaryDirectory(prefix="deltatune-cost-") as name, connected(None, None, Resources()):
         folder = Path(name)
-        found = {"none": sweep(folder / "a", episodes, None), "none again": sweep(folder / "b", episodes, None)}
-        found["sqlite"] = sweep(folder / "c", episodes, f"sqlite:///{folder}/own.db")
-        for number, killed in enumerate((False, True)):
-            (folder / f"server{number}").mkdir()
-            server = Server(folder / f"server{number}")
-            server.start()
+        episodes = episodes_of(seconds, lambda number: space(number, 20), folder)
+        yield "none", sweep(folder / "none0", episodes, None)
+        yield "sqlite", sweep(folder / "sqlite", episodes, f"sqlite:///{folder}/own.db")
+        yield "none", sweep(folder / "none1", episodes, None)
+        yield "server", with_server(folder / "server", episodes, killed=False)
+        yield "none", sweep(folder / "none2", episodes, None)
+        yield "server killed", with_server(folder / "killed", episodes, killed=True)
+        yield "none", sweep(folder / "none3", episodes, None)
 
-            def harm(cells: int, server: Server = server, killed: bool = killed) -> None:
-                if killed and cells == CELLS // 3:
-                    server.kill()
-                if killed and cells == 2 * CELLS // 3:
-                    server.start(wait=False)
 
-            found["server killed" if killed else "server"] = sweep(folder / f"d{number}", episodes, server.uri, harm)
+def with_server(folder: Path, episodes: int, killed: bool) -> dict[str, Any]:
+    """The sweep with a server, which may be `killed` for the middle third of the cells."""
+    folder.mkdir()
+    server = TrackingServer(folder)
+    server.start()
+
+    def harm(cells: int) -> None:
+        if killed and cells == CELLS // 3:
             server.kill()
-    return found
+        if killed and cells == 2 * CELLS // 3:
+            server.start(wait=False)
+
+    try:
+        return sweep(folder, episodes, server.uri, harm)
+    finally:
+        server.kill()
 
 
 def main() -> None:
     """Measure, and print a table or JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--episodes", type=int, default=20000, help="of a cell: how long it is")
+    parser.add_argument("--seconds", type=float, default=0.5, help="of a cell")
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     from orchestrator.environment import prepare
 
     prepare()
-    found = measure(asked.episodes)
+    found = list(measure(asked.seconds))
     if asked.json:
         print(json.dumps(found, indent=1))
         return
-    base = min(found["none"]["run"], found["none again"]["run"])
-    print(f"{CELLS} cells of {found['none']['cell']:.2f} s")
-    for name, row in found.items():
-        cost = row["run"] / base - 1
-        print(f"{name:14} {row['run']:7.1f} s  {cost:+6.1%}  after the end {row['after']:5.1f} s  {row['runs']} runs")
+    without = [row["run"] for name, row in found if name == "none"]
+    base = statistics.median(without)
+    print(f"{CELLS} cells of {found[0][1]['cell']:.2f} s; without MLflow {min(without):.1f} to {max(without):.1f} s")
+    for name, row in found:
+        if name != "none":
+            print(f"{name:14} {row['run']:7.1f} s  {row['run'] / base - 1:+6.1%}", end="  ")
+            print(f"after the end {row['after']:5.1f} s  {row['runs']} runs of {row['metrics']} metrics")
 
 
 if __name__ == "__main__":

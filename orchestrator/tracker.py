@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterable
 from pathlib import Path
 
+from orchestrator.findings import Findings
 from orchestrator.record import Record
 from orchestrator.results import Results
 from orchestrator.tracking import Mirror, sync
@@ -41,13 +42,13 @@ class Tracker:
         except queue.Full:
             return
 
-    def finish(self, artifacts: Iterable[Path]) -> str | None:
+    def finish(self, findings: Findings, artifacts: Iterable[Path]) -> str | None:
         """Write all that is missing; the parent run's id, None where MLflow has failed."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join()
         try:
-            parent = sync(self._results, self.uri, artifacts, self._mirror)
+            parent = sync(findings, self.uri, artifacts, self._mirror)
         except Exception as error:
             self.error = error
             return None

@@ -5,16 +5,15 @@
         run, kind=aggregate   one per (task, agent, source, hyperparameters): mean, sd and interval over seeds
         run, kind=cell        one per cell: parameters, curves, and what it was made with
 
-A run is found again by its tags (`sweep_id` with `cell_id` or `group`), and its `digest` tag says what it holds; so
-writing twice changes nothing, and a run that was cut off is written again with the same time stamps, which MLflow
-stores once.
+A run is found again by its tags (`sweep_id` with `cell_id` or `group`), and its `digest` tag says what it is to hold;
+so writing twice changes nothing, and a run that was cut off (its status is still RUNNING) is written again with the
+same time stamps, which MLflow stores once.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-import sqlite3
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -25,21 +24,19 @@ from mlflow.entities import Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 
-from orchestrator.aggregates import NO_CURVE, Group, groups, mean_curves
+from orchestrator.aggregates import NO_CURVE, Group, mean_curves
 from orchestrator.describe import cell_name, group_name, markdown
 from orchestrator.errors import SweepError
+from orchestrator.experiment import find_experiment
 from orchestrator.files import local_copy
+from orchestrator.findings import Findings
 from orchestrator.record import Head, Record
 from orchestrator.results import Results, cell_row
 from orchestrator.run_fields import CELL_METRICS, cell_tags, group_figures, thinned
 from orchestrator.store import shown
-from orchestrator.views import VIEWS
 from trainables.cell import content_id
 
 logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database tables amid the display
-
-_EXPERIMENT_TAGS = {"mlflow.experimentKind": "custom_model_development"}
-"""Opens the experiment in the UI's view for training runs."""
 
 BATCH = 1000
 """Most metrics of one call."""
@@ -54,7 +51,9 @@ class _Known(NamedTuple):
 
     run_id: str
     digest: str | None
-    """What it holds; None: it was cut off."""
+    """What it is to hold; None: a sweep's own run, which is never whole."""
+    whole: bool
+    """False: it was cut off."""
 
 
 class Mirror:
@@ -66,10 +65,12 @@ class Mirror:
         self._sweep_id = content_id([results.name, meta["created"]])
         self._meta = meta
         self._client = MlflowClient(uri)
-        self._experiment = self._find_experiment(uri)
+        self._experiment = find_experiment(
+            self._client, uri, meta["space"]["family"] or meta["space"]["name"], results.storage / "mlartifacts"
+        )
         self._known = {
             self._key(run.data.tags): _Known(
-                str(run.info.run_id), run.data.tags.get("digest") if run.info.status != "RUNNING" else None
+                str(run.info.run_id), run.data.tags.get("digest"), run.info.status != "RUNNING"
             )
             for run in self._runs()
         }
@@ -115,11 +116,10 @@ class Mirror:
             "FINISHED",
         )
 
-    def finish(
-        self, every: Sequence[Group], cells: pd.DataFrame, points: pd.DataFrame, artifacts: Iterable[Path]
-    ) -> None:
+    def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
         """The aggregates, and the parent's description, figures and files."""
-        curves = mean_curves(points, cells)
+        cells, every = findings.cells, findings.groups
+        curves = mean_curves(findings.points, cells)
         for group in every:
             self.write_group(group, curves.get(group.id, NO_CURVE))
         self._client.set_tag(self.parent, "mlflow.note.content", markdown(self._results, every))
@@ -155,13 +155,11 @@ class Mirror:
         seconds: float,
         status: str,
     ) -> None:
-        """Find or make the run of `key`, and fill it: the digest tag goes in last, so that it vouches for the rest."""
-        tags = dict(tags)
-        digest = tags.pop("digest")
-        known = self._known.get(key)
+        """Find or make the run of `key`, and fill it; its status goes in last, so that it vouches for the rest."""
+        known, digest = self._known.get(key), tags["digest"]
         if self._holds(key, digest):
             return
-        if known is not None and known.digest is not None:
+        if known is not None and known.digest != digest:
             self._client.delete_run(known.run_id)
             known = None
         if known is None:
@@ -169,7 +167,7 @@ class Mirror:
             own |= {"cell_id" if key[0] == "cell" else "group": key[1], "mlflow.parentRunId": self.parent}
             begun = int((finished - seconds) * 1000)
             run = self._client.create_run(self._experiment, begun, {**tags, **own}, name)
-            known = self._known[key] = _Known(str(run.info.run_id), None)
+            known = self._known[key] = _Known(str(run.info.run_id), digest, whole=False)
         stamp = int(finished * 1000)
         points = [Metric(metric, value, stamp, 0) for metric, value in metrics.items() if math.isfinite(value)]
         points += [
@@ -180,33 +178,13 @@ class Mirror:
         texts = [Param(name, str(value)) for name, value in params.items()]
         batches = [points[start : start + BATCH] for start in range(0, max(len(points), 1), BATCH)]
         for number, batch in enumerate(batches):
-            vouch = [RunTag("digest", digest)] if number == len(batches) - 1 else []
-            self._client.log_batch(known.run_id, batch, texts if number == 0 else (), vouch)
+            self._client.log_batch(known.run_id, batch, texts if number == 0 else ())
         self._client.set_terminated(known.run_id, status, stamp)
-        self._known[key] = _Known(known.run_id, digest)
+        self._known[key] = known._replace(whole=True)
 
     def _holds(self, key: tuple[str, str], digest: str) -> bool:
         known = self._known.get(key)
-        return known is not None and known.digest == digest
-
-    def _find_experiment(self, uri: str) -> str:
-        space = self._meta["space"]
-        family = f"deltatune/{space['family'] or space['name']}"
-        found = self._client.get_experiment_by_name(family)
-        if found is not None:
-            self._offer_views(str(found.experiment_id), found.tags)
-            return str(found.experiment_id)
-        location = None
-        if uri.startswith("sqlite:"):
-            _write_ahead(uri)
-            location = (self._results.storage / "mlartifacts" / content_id(family)).as_uri()
-        return str(self._client.create_experiment(family, location, _EXPERIMENT_TAGS | dict(v.tag() for v in VIEWS)))
-
-    def _offer_views(self, experiment: str, tags: Mapping[str, str]) -> None:
-        """Bring an older experiment's saved views up to this version's."""
-        for key, value in (view.tag() for view in VIEWS):
-            if tags.get(key) != value:
-                self._client.set_experiment_tag(experiment, key, value)
+        return known is not None and known.whole and known.digest == digest
 
     def _runs(self) -> Iterable[Run]:
         token: str | None = None
@@ -235,26 +213,20 @@ class Mirror:
         return str(run.info.run_id)
 
 
-def sync(results: Results, uri: str, artifacts: Iterable[Path], mirror: Mirror | None = None) -> str:
+def sync(findings: Findings, uri: str, artifacts: Iterable[Path], mirror: Mirror | None = None) -> str:
     """Bring MLflow up to the results table: write what is missing, replace what has changed; the parent run's id."""
+    results = findings.results
     mirror = mirror or Mirror(results, uri)
     for stage, cell, head in results.ended():
         if head is not None:
             mirror.write_cell(stage, head, partial(results.log.record, cell.id))
-    cells, points = results.tables()
-    mirror.finish(groups(cells), cells, points, artifacts)
+    mirror.finish(findings, artifacts)
     return mirror.parent
 
 
-def sync_now(results: Results, uri: str, artifacts: Iterable[Path]) -> str:
+def sync_now(findings: Findings, uri: str, artifacts: Iterable[Path]) -> str:
     """`sync` for a person who waits for it; SweepError where the store does not answer."""
     try:
-        return sync(results, uri, artifacts)
+        return sync(findings, uri, artifacts)
     except (MlflowException, OSError) as error:
         raise SweepError(f"MLflow at {shown(uri)} cannot be written to: {str(error).splitlines()[0]}") from None
-
-
-def _write_ahead(uri: str) -> None:
-    """Write-ahead logging for a sqlite store: twice the rate of small writes, and readers never block the writer."""
-    with sqlite3.connect(uri.removeprefix("sqlite:///")) as database:
-        database.execute("PRAGMA journal_mode=WAL")

@@ -24,7 +24,7 @@ def report(results: Results, tally: Tally, tracker: Tracker | None, as_json: boo
     console = err if as_json else out
     with console.status("tables, figures and MLflow"):
         published = publish(results)
-        sources = _register(results, tracker, tracker.finish(artifacts(results))) if tracker else []
+        sources = _register(results, tracker, tracker.finish(published.findings, artifacts(results))) if tracker else []
     after = time.monotonic() - started
     if as_json:
         print_json(_summary(results, tally, published, tracker, after) | {"sources": sources})

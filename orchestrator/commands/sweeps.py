@@ -136,8 +136,8 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
 
     results = Results.open(storage, name)
     uri = store_uri(results.storage, tracking_uri)
-    publish(results)
-    parent = tracking.sync_now(results, uri, artifacts(results))
+    published = publish(results)
+    parent = tracking.sync_now(published.findings, uri, artifacts(results))
     for source in registry.register_now(results, uri, parent):
         out.print(f"Source:   {source}", soft_wrap=True)
     out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)

@@ -16,6 +16,7 @@ import pytest
 from mlflow.tracking import MlflowClient
 
 from orchestrator import registry, tracking
+from orchestrator.findings import find
 from orchestrator.publish import artifacts, publish
 from orchestrator.results import Results
 from orchestrator.store import tracking_uri
@@ -40,7 +41,7 @@ def sweep(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
     results = Results.open(storage, "small")
     publish(results)
     uri = tracking_uri(storage, None)
-    registry.register_now(results, uri, tracking.sync_now(results, uri, artifacts(results)))
+    registry.register_now(results, uri, tracking.sync_now(find(results), uri, artifacts(results)))
     return results
 
 

@@ -2,82 +2,42 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import signal
-import socket
-import subprocess
-import sys
 import time
-import urllib.request
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from conftest import CELLS
-from harness import assert_same, wait_for
+from harness import assert_same
 from mlflow.tracking import MlflowClient
 
+from benchmarks.tracking_server import TrackingServer
 from orchestrator import tracker, tracking
+from orchestrator.findings import find
 from orchestrator.record import Record
 from orchestrator.results import Results
 from orchestrator.tracker import Tracker
 from trainables.cell import content_id
 
 
-class Server:
-    """A tracking server with a database, which can be killed and started again at the same address."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._port = probe.getsockname()[1]
-        self.uri = f"http://127.0.0.1:{self._port}"
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def start(self) -> None:
-        options = ["--backend-store-uri", f"sqlite:///{self._folder}/server.db", "--workers", "1"]
-        options += ["--artifacts-destination", str(self._folder / "artifacts"), "--host", "127.0.0.1"]
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "mlflow", "server", *options, "--port", str(self._port)],
-            env=os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        wait_for(self._answers)
-
-    def kill(self) -> None:
-        if self._process is not None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
-            self._process = None
-
-    def _answers(self) -> bool:
-        with contextlib.suppress(OSError), urllib.request.urlopen(f"{self.uri}/health", timeout=2) as answer:
-            return bool(answer.status == 200)
-        return False
-
-    def runs(self, results: Results) -> Counter[str]:
-        """How many finished runs there are of each kind."""
-        client = MlflowClient(self.uri)
-        experiment = client.get_experiment_by_name("deltatune/tests")
-        assert experiment is not None
-        sweep_id = content_id([results.name, results.meta()["created"]])
-        found = client.search_runs([experiment.experiment_id], f"tags.sweep_id = '{sweep_id}'", max_results=1000)
-        assert {run.info.status for run in found} == {"FINISHED"}
-        assert len(
-            {(run.data.tags["kind"], run.data.tags.get("cell_id"), run.data.tags.get("group")) for run in found}
-        ) == len(found)
-        return Counter(run.data.tags["kind"] for run in found)
+def kinds(server: TrackingServer, results: Results) -> Counter[str]:
+    """How many finished runs there are of each kind."""
+    client = MlflowClient(server.uri)
+    experiment = client.get_experiment_by_name("deltatune/tests")
+    assert experiment is not None
+    sweep_id = content_id([results.name, results.meta()["created"]])
+    found = client.search_runs([experiment.experiment_id], f"tags.sweep_id = '{sweep_id}'", max_results=1000)
+    assert {run.info.status for run in found} == {"FINISHED"}
+    assert len(
+        {(run.data.tags["kind"], run.data.tags.get("cell_id"), run.data.tags.get("group")) for run in found}
+    ) == len(found)
+    return Counter(run.data.tags["kind"] for run in found)
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    server = Server(tmp_path_factory.mktemp("server"))
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TrackingServer]:
+    server = TrackingServer(tmp_path_factory.mktemp("server"))
     server.start()
     yield server
     server.kill()
@@ -115,7 +75,7 @@ def tracked(storage: Path, uri: str, harm: Callable[[int], None] = lambda cells:
 
 
 def test_a_server_that_is_killed_and_comes_back_has_everything(
-    server: Server, finished: Path, tmp_path: Path, ray_session: None
+    server: TrackingServer, finished: Path, tmp_path: Path, ray_session: None
 ) -> None:
     def harm(cells: int) -> None:
         if cells == 10:
@@ -124,30 +84,30 @@ def test_a_server_that_is_killed_and_comes_back_has_everything(
             server.start()
 
     results, follower = tracked(tmp_path, server.uri, harm)
-    assert follower.finish([]) is not None
+    assert follower.finish(find(results), []) is not None
     assert follower.error is None
-    assert server.runs(results) == ALL
+    assert kinds(server, results) == ALL
     assert_same(tmp_path, finished)
 
 
 def test_a_server_that_is_gone_for_the_rest_of_the_sweep_is_made_good_for_by_sync(
-    server: Server, tmp_path: Path, ray_session: None
+    server: TrackingServer, tmp_path: Path, ray_session: None
 ) -> None:
     results, follower = tracked(tmp_path, server.uri, lambda cells: server.kill() if cells == 10 else None)
-    assert follower.finish([]) is None
+    assert follower.finish(find(results), []) is None
     assert follower.error is not None
     server.start()
     for _ in range(2):
-        tracking.sync(results, server.uri, [])
-        assert server.runs(results) == ALL
+        tracking.sync(find(results), server.uri, [])
+        assert kinds(server, results) == ALL
 
 
 def test_a_store_that_is_down_from_the_start_never_holds_a_sweep_up(
     finished: Path, tmp_path: Path, ray_session: None
 ) -> None:
     started = time.monotonic()
-    _, follower = tracked(tmp_path, "http://127.0.0.1:9")
-    assert follower.finish([]) is None
+    results, follower = tracked(tmp_path, "http://127.0.0.1:9")
+    assert follower.finish(find(results), []) is None
     assert time.monotonic() - started < 200
     assert_same(tmp_path, finished)
 
@@ -164,7 +124,7 @@ def test_a_queue_that_is_full_is_caught_up_with_at_the_end(
     for stage, _, record in results.records():
         assert record is not None
         follower.record(stage, record)
-    assert follower.finish([]) is not None
+    assert follower.finish(find(results), []) is not None
     client = MlflowClient(follower.uri)
     experiment = client.get_experiment_by_name("deltatune/tests")
     assert experiment is not None

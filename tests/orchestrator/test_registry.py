@@ -23,6 +23,7 @@ from rich.console import Console
 from orchestrator import given, registry, tracking
 from orchestrator.commands import report
 from orchestrator.describe import markdown
+from orchestrator.findings import find
 from orchestrator.givers import givers, model_name, standing
 from orchestrator.plan import source_pairs, transfer_pairs
 from orchestrator.registered_policy import q_values
@@ -67,7 +68,7 @@ MODEL = "deltatune-cartpole"
 
 def registered(results: Results) -> Results:
     uri = tracking_uri(results.storage, None)
-    parent = tracking.sync_now(results, uri, [])
+    parent = tracking.sync_now(find(results), uri, [])
     registry.register_now(results, uri, parent)
     return results
 

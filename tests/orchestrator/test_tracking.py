@@ -6,6 +6,7 @@ import math
 import shutil
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import CELLS
@@ -14,6 +15,7 @@ from mlflow.tracking import MlflowClient
 
 from orchestrator import run_fields, tracking
 from orchestrator.errors import SweepError
+from orchestrator.findings import find
 from orchestrator.publish import artifacts, publish
 from orchestrator.results import Results
 from orchestrator.store import tracking_uri
@@ -30,7 +32,7 @@ def mirrored(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Result
     shutil.copytree(finished, storage)
     results = Results.open(storage, "small")
     publish(results)
-    tracking.sync(results, tracking_uri(storage, None), artifacts(results))
+    tracking.sync(find(results), tracking_uri(storage, None), artifacts(results))
     return results
 
 
@@ -96,7 +98,7 @@ def test_the_parent_has_a_description_and_the_figures(mirrored: Results) -> None
 
 def test_synchronising_twice_changes_nothing(mirrored: Results) -> None:
     before = {run.info.run_id: run.data.metrics for run in runs(mirrored)}
-    tracking.sync(mirrored, tracking_uri(mirrored.storage, None), artifacts(mirrored))
+    tracking.sync(find(mirrored), tracking_uri(mirrored.storage, None), artifacts(mirrored))
     assert {run.info.run_id: run.data.metrics for run in runs(mirrored)} == before
 
 
@@ -104,12 +106,32 @@ def test_a_run_that_was_cut_off_is_made_whole_without_double_points(mirrored: Re
     results = _copy(mirrored, tmp_path)
     store = client(results)
     run = runs(results, "tags.kind = 'cell' and tags.agent = 'delta_gate'")[0]
-    store.delete_tag(run.info.run_id, "digest")
     store.update_run(run.info.run_id, status="RUNNING")
-    tracking.sync(results, tracking_uri(results.storage, None), [])
+    tracking.sync(find(results), tracking_uri(results.storage, None), [])
     assert kinds(results) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
     assert store.get_run(run.info.run_id).info.status == "FINISHED"
     assert len(store.get_metric_history(run.info.run_id, "greedy_return")) == 7
+
+
+def test_a_run_that_was_cut_off_before_its_figures_is_no_run_that_is_there(
+    mirrored: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results, store = mirrored, f"sqlite:///{tmp_path}/mlflow.db"
+
+    def dies(*_: Any, **__: Any) -> None:
+        raise OSError("gone")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MlflowClient, "log_batch", dies)
+        with pytest.raises(OSError, match="gone"):
+            tracking.sync(find(results), store, [])
+    experiment = (client := MlflowClient(store)).get_experiment_by_name("deltatune/tests")
+    assert experiment is not None
+    (cut,) = client.search_runs([experiment.experiment_id], "tags.kind = 'cell'")
+    assert (cut.info.status, cut.data.metrics) == ("RUNNING", {})
+    tracking.sync(find(results), store, [])
+    whole = client.get_run(cut.info.run_id)
+    assert (whole.info.status, whole.data.metrics["auc"]) == ("FINISHED", _auc(results, whole.data.tags["cell_id"]))
 
 
 def test_a_cell_that_is_gone_from_the_results_is_gone_from_mlflow(mirrored: Results, tmp_path: Path) -> None:
@@ -118,7 +140,7 @@ def test_a_cell_that_is_gone_from_the_results_is_gone_from_mlflow(mirrored: Resu
     plan["transfer"] = plan["transfer"][:-8]
     results.set_plan(plan)
     results.write_tables()
-    tracking.sync(results, tracking_uri(results.storage, None), [])
+    tracking.sync(find(results), tracking_uri(results.storage, None), [])
     assert kinds(results)["cell"] == CELLS - 8
 
 
@@ -129,10 +151,10 @@ def test_a_tracker_with_a_dead_store_never_harms_the_sweep(finished: Path, tmp_p
     for stage, _, record in results.records():
         assert record is not None
         tracker.record(stage, record)
-    assert tracker.finish([]) is None
+    assert tracker.finish(find(results), []) is None
     assert tracker.error is not None
     with pytest.raises(SweepError, match="cannot be written to"):
-        tracking.sync_now(results, "sqlite:////dev/null/no/mlflow.db", [])
+        tracking.sync_now(find(results), "sqlite:////dev/null/no/mlflow.db", [])
 
 
 def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(finished: Path, tmp_path: Path) -> None:
@@ -142,7 +164,7 @@ def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(finished: Path
     for stage, _, record in list(results.records())[:3]:
         assert record is not None
         tracker.record(stage, record)
-    assert tracker.finish([]) is not None
+    assert tracker.finish(find(results), []) is not None
     assert kinds(results) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
 
 
@@ -165,3 +187,8 @@ def test_a_store_that_mlflow_does_not_know_is_refused(tmp_path: Path, monkeypatc
 def _copy(results: Results, tmp_path: Path) -> Results:
     shutil.copytree(results.storage, tmp_path / "copy")
     return Results.open(tmp_path / "copy", "small")
+
+
+def _auc(results: Results, cell_id: str) -> float:
+    cells, _ = results.tables()
+    return float(cells.set_index("cell_id").at[cell_id, "auc"])
