@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 PILOT = 10_000
-"""Episodes of the cells that are timed."""
+"""Episodes of the first cells that are timed."""
 
 
 def episodes_of(seconds: float, space: Callable[[int], dict[str, Any]], folder: Path) -> int:
@@ -19,9 +20,10 @@ def episodes_of(seconds: float, space: Callable[[int], dict[str, Any]], folder: 
     from orchestrator.sweep import run
     from search_spaces import parse
 
-    pilot = None
-    for number in range(2):  # the first one pays for imports and compilation
-        results = Results.create(folder / f"pilot{number}", "pilot", parse("pilot", space(PILOT)))
-        pilot = run(results, Settings(), Console(quiet=True))
-    assert pilot is not None
-    return max(1, round(PILOT * seconds * pilot.ran / pilot.training_seconds))
+    episodes = PILOT
+    for number in range(2):  # a cell's fixed part makes the first answer a guess
+        results = Results.create(folder / f"pilot{number}", "pilot", parse("pilot", space(episodes)))
+        run(results, Settings(), Console(quiet=True))
+        typical = statistics.median(head.seconds for head in results.heads().values())
+        episodes = max(1, round(episodes * seconds / typical))
+    return episodes

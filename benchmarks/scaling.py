@@ -68,7 +68,7 @@ def measure(cells: int, length: float) -> dict[str, float]:
 
     with tempfile.TemporaryDirectory(prefix="deltatune-scaling-") as folder:
         with connected(None, None, Resources()):
-            found = episodes_of(length, lambda number: space(SEEDS, number), Path(folder))  # and warms
+            found = episodes_of(length, lambda number: space(20 * SEEDS, number), Path(folder))  # and warms
             wanted = timed("read", lambda: parse("scaling", space(cells, found)))
             results = Results.create(Path(folder), "scaling", wanted)
             tally = timed("run", lambda: run(results, Settings(), Console(quiet=True)))

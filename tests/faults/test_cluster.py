@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -40,9 +40,9 @@ def free_port() -> int:
 
 
 class Cluster:
-    """A head without CPUs and two nodes with one each, all by `ray start` on loopback."""
+    """A head without CPUs and nodes with one each, all by `ray start` on loopback."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, nodes: int = 2) -> None:
         self._folder = folder
         self.port, self.dashboard = free_port(), free_port()
         self.address, self.jobs = f"127.0.0.1:{self.port}", f"http://127.0.0.1:{self.dashboard}"
@@ -50,10 +50,10 @@ class Cluster:
         options += ["--dashboard-host", "127.0.0.1", "--dashboard-port", str(self.dashboard)]
         self.head = self._start(*options, "--temp-dir", str(folder))
         wait_for(lambda: self._listens(self.dashboard) and self._listens(self.port))
-        self.nodes = [self.add_node() for _ in range(2)]
+        self.nodes = [self.add_node() for _ in range(nodes)]
 
-    def add_node(self) -> subprocess.Popen[bytes]:
-        return self._start("--address", self.address, "--num-cpus", "1")
+    def add_node(self, within: Sequence[str] = ()) -> subprocess.Popen[bytes]:
+        return self._start("--address", self.address, "--num-cpus", "1", within=within)
 
     def remove(self, node: subprocess.Popen[bytes]) -> None:
         """As if the machine were switched off."""
@@ -65,10 +65,10 @@ class Cluster:
         for node in (*self.nodes, self.head):
             self.remove(node)
 
-    def _start(self, *options: str) -> subprocess.Popen[bytes]:
+    def _start(self, *options: str, within: Sequence[str] = ()) -> subprocess.Popen[bytes]:
         """Start a node, and wait until it is there: two that start at once may take each other's ports."""
         ray = Path(sys.executable).parent / "ray"
-        words = [ray, "start", "--block", "--node-ip-address", "127.0.0.1", "--disable-usage-stats", *options]
+        words = [*within, ray, "start", "--block", "--node-ip-address", "127.0.0.1", "--disable-usage-stats", *options]
         words += ["--dashboard-agent-listen-port", str(free_port())]
         path = self._folder.parent / f"{time.monotonic_ns()}.log"
         with path.open("wb") as log:
@@ -84,16 +84,34 @@ class Cluster:
         return False
 
 
-@pytest.fixture
-def cluster() -> Iterator[Cluster]:
+@contextlib.contextmanager
+def running(nodes: int) -> Iterator[Cluster]:
     import tempfile
 
     with tempfile.TemporaryDirectory(prefix="dt-", dir="/tmp", ignore_cleanup_errors=True) as folder:
-        there = Cluster(Path(folder) / "ray")
+        there = Cluster(Path(folder) / "ray", nodes)
         try:
             yield there
         finally:
             there.close()
+
+
+@pytest.fixture
+def cluster() -> Iterator[Cluster]:
+    with running(nodes=2) as there:
+        yield there
+
+
+def with_a_disk_of_its_own(folder: Path) -> list[str]:
+    """The words before a command that sees an empty disk where others see `folder`."""
+    words = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs none "$0" && exec "$@"', str(folder)]
+    if os.geteuid() != 0:
+        words.insert(1, "--map-root-user")
+    try:
+        subprocess.run([*words, "true"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("this machine gives no process a disk of its own")
+    return words
 
 
 def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
@@ -167,22 +185,27 @@ def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> N
     assert not any(path.exists() for path in head.files.values()), "what was sent is cleaned up"
 
 
-def test_a_storage_that_other_nodes_do_not_see_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Head:
-        """Says what a cluster with a blind node says."""
+def test_a_storage_that_another_node_does_not_see_is_refused_at_submit_and_gets_no_checkpoints_when_joined(
+    calm: Path, tmp_path: Path
+) -> None:
+    import yaml
 
-        def submit_job(self, **options: object) -> str:
-            return "job"
-
-        def get_job_status(self, job: str) -> object:
-            from ray.job_submission import JobStatus
-
-            return JobStatus.SUCCEEDED
-
-        def get_job_logs(self, job: str) -> str:
-            return 'noise\ndeltatune-storage {"blind": ["node-2"]}\n'
-
-    from trainables.errors import InputError
-
-    with pytest.raises(InputError, match=r"/data is not one folder for all nodes \(node-2 cannot see"):
-        jobs.check_storage(Head(), "/data")
+    storage = tmp_path / "storage"
+    storage.mkdir()
+    blinded = with_a_disk_of_its_own(storage)
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(**LONGER), sort_keys=False))
+    with running(nodes=0) as cluster:
+        cluster.nodes.append(cluster.add_node(within=blinded))
+        words = ["submit", str(tmp_path / "space.yaml"), "--address", cluster.jobs, "--storage", str(storage)]
+        command = [sys.executable, "-m", "orchestrator.cli", *words, "--no-mlflow"]
+        shell = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=TOKEN)
+        assert (shell.returncode, shell.stdout) == (2, "")
+        told = f"error: {storage} is not one folder for all nodes (127.0.0.1 cannot see"
+        assert told in shell.stderr.replace("\n", " ")
+        assert "Traceback" not in shell.stderr
+        assert not any(storage.iterdir()), "nothing has begun"
+        with driver(storage, "--no-mlflow", "--address", cluster.address, env=TOKEN, **LONGER) as process:
+            out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, err
+    assert "no checkpoints: 127.0.0.1 cannot see" in out
+    assert_same(storage, calm)
