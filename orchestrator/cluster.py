@@ -182,9 +182,9 @@ def blind_nodes(folder: Path) -> list[str]:
     probe = Path(tempfile.mkstemp(dir=folder, prefix=".probe-")[1])
     try:
         probe.write_text(token := hashlib.sha256(os.urandom(16)).hexdigest())
-        asked = {host: _on(node, _sees).remote(str(probe), token) for node, host in there}
-        ray.wait(list(asked.values()), num_returns=len(asked), timeout=NODE_ANSWER)
-        return [host for host, answer in asked.items() if _answered(answer) is False]
+        asked = [_on(node, _sees).remote(str(probe), token) for node, _ in there]
+        ray.wait(asked, num_returns=len(asked), timeout=NODE_ANSWER)
+        return [host for (_, host), answer in zip(there, asked, strict=True) if _answered(answer) is False]
     finally:
         probe.unlink(missing_ok=True)
 

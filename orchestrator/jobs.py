@@ -40,6 +40,8 @@ def client(address: str) -> Any:
     try:
         from ray.job_submission import JobSubmissionClient
 
+        for name in ("ray", "ray.dashboard.modules.dashboard_sdk"):  # no word of the packages that they send
+            logging.getLogger(name).setLevel(logging.WARNING)
         return JobSubmissionClient(address)
     except (ImportError, RuntimeError, ConnectionError) as error:
         text = str(error).strip().split("\n")[0]
