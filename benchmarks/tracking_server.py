@@ -23,7 +23,7 @@ class TrackingServer:
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             port = str(probe.getsockname()[1])
-        self.uri = f"http://127.0.0.1:{port}"
+        self.folder, self.uri = folder, f"http://127.0.0.1:{port}"
         self._words = ["--backend-store-uri", f"sqlite:///{folder}/server.db", "--host", "127.0.0.1", "--port", port]
         self._words += ["--artifacts-destination", str(folder / "artifacts"), "--workers", "1"]
         self._process: subprocess.Popen[bytes] | None = None

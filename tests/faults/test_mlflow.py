@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import base64
+import contextlib
+import http.server
+import os
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import requests
 from conftest import CELLS
-from harness import assert_same
+from harness import PATIENCE, assert_same, driver
 from mlflow.tracking import MlflowClient
 
 from benchmarks.tracking_server import TrackingServer
@@ -130,3 +136,67 @@ def test_a_queue_that_is_full_is_caught_up_with_at_the_end(
     assert experiment is not None
     runs = client.search_runs([experiment.experiment_id], max_results=1000)
     assert Counter(run.data.tags["kind"] for run in runs) == ALL
+
+
+SECRET = "Tr0ub4dor-and-3"
+
+
+@contextlib.contextmanager
+def gate(server: TrackingServer) -> Iterator[str]:
+    """The address of a proxy that lets nobody without SECRET to the server."""
+    ticket = base64.b64encode(f"ada:{SECRET}".encode()).decode()
+
+    class Gate(http.server.BaseHTTPRequestHandler):
+        def answer(self) -> None:
+            body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
+            if self.headers.get("Authorization") != f"Basic {ticket}":
+                return self.reply(401, b"Who are you?")
+            passed = {"Content-Type": self.headers.get("Content-Type", "")}
+            answer = requests.request(self.command, server.uri + self.path, data=body, headers=passed, timeout=60)
+            return self.reply(answer.status_code, answer.content)
+
+        def __getattr__(self, name: str) -> Callable[[], None]:
+            if name.startswith("do_"):
+                return self.answer
+            raise AttributeError(name)
+
+        def reply(self, status: int, body: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            """Not a word."""
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Gate) as proxy:
+        threading.Thread(target=proxy.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{proxy.server_port}"
+        proxy.shutdown()
+
+
+@pytest.mark.parametrize(("password", "welcome"), [(SECRET, True), (f"not-{SECRET}", False)])
+def test_a_password_opens_the_server_and_is_written_nowhere(
+    server: TrackingServer, tmp_path: Path, password: str, welcome: bool
+) -> None:
+    credentials = {"MLFLOW_TRACKING_USERNAME": "ada", "MLFLOW_TRACKING_PASSWORD": password}
+    credentials["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = "1"
+    storage = tmp_path / "storage"
+    storage.mkdir()
+    with gate(server) as uri:
+        words = ("--tracking-uri", uri, "--agents", "q_learning", "--name", f"secret-{welcome}")
+        with driver(storage, *words, env=os.environ | credentials) as process:
+            out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, err
+    assert ("MLflow has not got everything" in out) is not welcome
+    assert ("Who are you?" in out) is not welcome
+    results = Results.open(storage, f"secret-{welcome}")
+    assert set(results.tables()[0]["status"]) == {"done"}
+    if welcome:
+        assert kinds(server, results)["cell"] == len(results.tables()[0])
+    ticket = base64.b64encode(f"ada:{password}".encode()).decode()
+    files = [path for folder in (storage, server.folder) for path in folder.rglob("*") if path.is_file()]
+    assert len(files) > 5
+    for word in (password, ticket):
+        assert word not in out + err
+        assert not [path for path in files if word.encode() in path.read_bytes()]
