@@ -51,7 +51,7 @@ class _Known(NamedTuple):
 
     run_id: str
     digest: str | None
-    """What it is to hold; None: a sweep's own run, which is never whole."""
+    """What it is to hold. The sweep's own run has none."""
     whole: bool
     """False: it was cut off."""
 
