@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,8 @@ class CellRun:
     """A cell at work, evaluation by evaluation; an exception ends it as a failure, which is an outcome too.
 
     keep: whether what is learned is wanted. checkpoints: a folder for the cell's state, from which a later run goes on
-    bit for bit; None: no checkpoints. checkpoint_seconds: time between two of them.
+    bit for bit; None: no checkpoints. checkpoint_seconds: time between two of them. saved: the ids of the cells that
+    have one; None: look.
     """
 
     def __init__(
@@ -36,6 +37,7 @@ class CellRun:
         keep: bool = False,
         checkpoints: Path | None = None,
         checkpoint_seconds: float = 5.0,
+        saved: Container[str] | None = None,
     ) -> None:
         self.cell, self.error = cell, ""
         self.ended = False
@@ -49,7 +51,8 @@ class CellRun:
             self._training = train(cell, source(cell))
             resumable = checkpoints is not None and self._training.resumable
             self._path = checkpoints / f"{cell.id}.checkpoint" if checkpoints and resumable else None
-            self._before = _resume(self._training, self._path)
+            begun = saved is None or cell.id in saved
+            self._before = _resume(self._training, self._path if begun else None)
 
     @property
     def evaluations(self) -> int:
@@ -131,6 +134,7 @@ def run_cell(
     keep: bool = False,
     checkpoints: Path | None = None,
     checkpoint_seconds: float = 5.0,
+    saved: Container[str] | None = None,
     on_point: OnPoint = lambda point: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Outcome | None:
@@ -138,7 +142,7 @@ def run_cell(
 
     stop: is asked after each evaluation; where it says so, the cell is checkpointed and there is no outcome: None.
     """
-    run = CellRun(cell, source, keep=keep, checkpoints=checkpoints, checkpoint_seconds=checkpoint_seconds)
+    run = CellRun(cell, source, keep=keep, checkpoints=checkpoints, checkpoint_seconds=checkpoint_seconds, saved=saved)
     while (point := run.step()) is not None:
         on_point(point)
         if stop():

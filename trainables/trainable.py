@@ -124,6 +124,7 @@ def run_cells(
     tune.report({"worker": {"pid": os.getpid(), "node": ray.get_runtime_context().get_node_id()}})
     folder = storage_path(checkpoints) if checkpoints else None
     options: dict[str, Any] = {"keep": keep, "checkpoints": folder, "checkpoint_seconds": checkpoint_seconds}
+    options["saved"] = _saved(folder)
     cells = [Cell.from_json(data) for data in config["cells"]]
     stop = StopFile(folder)
 
@@ -134,6 +135,13 @@ def run_cells(
         _run_together([CellRun(cell, source, **options) for cell in cells], stop)
     else:
         _run_in_turn(cells, source, options, stop)
+
+
+def _saved(folder: Path | None) -> set[str] | None:
+    """The cells that have a checkpoint, asked once for all of a trial's; None where the storage does not say."""
+    with contextlib.suppress(Exception):
+        return {path.stem for path in folder.glob("*.checkpoint")} if folder else set()
+    return None
 
 
 def _run_in_turn(cells: Sequence[Cell], source: GiveSource, options: dict[str, Any], stop: StopFile) -> None:

@@ -77,7 +77,7 @@ class Training(Iterator[EvalPoint]):
 
     @property
     def resumable(self) -> bool:
-        """Whether `state` and `restore` work: the deep agents' do; a tabular cell takes less than a second."""
+        """Whether `state` and `restore` work: those of an own learner that lacks them do not."""
         return isinstance(self._learner, Resumable)
 
     def state(self) -> dict[str, Any]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 from small_cells import AGENTS, GAMMA, GATED, REVERSED, digest_of, points_of, return_of, small_cell
 
 from trainables.agents import q_learning
+from trainables.cell import Cell, Source
+from trainables.cell_run import run_cell
 from trainables.delta.exact import exact_q
 from trainables.knowledge import Knowledge
 from trainables.streams import stream
-from trainables.training import train
+from trainables.training import source_knowledge, train
 
 SOURCE = "windy_gridworld"
 CHAIN = "supply_chain:demand_mean=5"
@@ -230,3 +233,46 @@ def test_the_truncation_option_changes_the_supply_chains_result() -> None:
 def test_truncation_is_terminal_in_the_supply_chain_and_bootstraps_in_the_gridworld_by_default() -> None:
     assert small_cell("q_learning", CHAIN).hyperparameters["truncation"] == "terminal"
     assert small_cell("q_learning", REVERSED).hyperparameters["truncation"] == "bootstrap"
+
+
+LIBRARY = [Source(task=f"windy_gridworld:wind={wind}", kind="exact") for wind in ("source", "small", "additional_2")]
+WAYS = [
+    small_cell("q_learning"),
+    small_cell("q_warm_start", truncation="terminal"),
+    small_cell("policy_reuse"),
+    small_cell("ppr", nu=0.9),
+    small_cell("delta_gate", threshold=3.0),
+    small_cell("delta_gate", threshold="auto"),
+    small_cell("confidence_gate", min_visits=2),
+    small_cell("delta_gate", CHAIN),
+    Cell.create("delta_select", REVERSED, 0, {"episodes": 30, "evaluate_every": 10}, LIBRARY[0], LIBRARY[1:]),
+]
+
+
+@pytest.mark.parametrize("cell", WAYS, ids=lambda cell: f"{cell.agent}-{cell.task}-{cell.id}")
+@pytest.mark.parametrize("evaluations", [1, 2, 3])
+def test_a_cell_that_goes_on_from_a_checkpoint_has_equal_bits(cell: Cell, evaluations: int, tmp_path: Path) -> None:
+    def source(cell: Cell) -> Knowledge | None:
+        return source_knowledge(cell, lambda cell_id: pytest.fail(cell_id)) if cell.source else None
+
+    whole = run_cell(cell, source, keep=True)
+    asked = iter([False] * (evaluations - 1) + [True])
+    assert run_cell(cell, source, keep=True, checkpoints=tmp_path, stop=lambda: next(asked)) is None
+    assert [path.stem for path in tmp_path.iterdir()] == [cell.id]
+    trained: list[int] = []
+    rest = run_cell(cell, source, keep=True, checkpoints=tmp_path, on_point=lambda point: trained.append(point.episode))
+    assert trained == list(range(0, 31, 10))[evaluations:]
+    assert whole is not None
+    assert rest is not None
+    assert (rest["digest"], rest["knowledge"]) == (whole["digest"], whole["knowledge"])
+
+
+def test_a_checkpoint_is_not_looked_for_where_none_is_known(tmp_path: Path) -> None:
+    cell = small_cell("q_learning")
+    (tmp_path / f"{cell.id}.checkpoint").mkdir()
+    unread = run_cell(cell, lambda cell: None, checkpoints=tmp_path, saved=set())
+    assert unread is not None
+    assert unread["status"] == "done"
+    looked = run_cell(cell, lambda cell: None, checkpoints=tmp_path)
+    assert looked is not None
+    assert looked["status"] == "failed"

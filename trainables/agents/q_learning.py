@@ -7,7 +7,7 @@ comments are that algorithm's lines.
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from trainables.agents.hyperparameters import (
     QLearning,
     Transfer,
 )
+from trainables.agents.in_place import InPlace
 from trainables.cell import Cell
 from trainables.delta import tabular
 from trainables.delta.calibration import calibrated
@@ -140,7 +141,7 @@ def run_episodes(
     return total
 
 
-class TabularLearner:
+class TabularLearner(InPlace):
     """One tabular agent at work on one task: its tables, counts and random streams."""
 
     def __init__(self, cell: Cell, source: Knowledge | None) -> None:
@@ -197,6 +198,10 @@ class TabularLearner:
     def knowledge(self) -> Knowledge:
         """Q_trg, for a later transfer."""
         return Knowledge({"q": self._tables.q.copy()})
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        delta = {f"delta_{name}": array for name, array in self._tables.delta._asdict().items()}
+        return {"q": self._tables.q, **delta, **self._counts._asdict()}
 
     def _greedy_policy(self) -> NDArray[np.int64]:
         """Gated agents: the source's while the gate is open. Direct reuse: the source's. Others: argmax Q_trg."""

@@ -9,12 +9,13 @@ largest |delta| nor its mean tells a source that errs where nobody goes from one
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trainables.agents.hyperparameters import DeltaSelect
+from trainables.agents.in_place import InPlace
 from trainables.cell import Cell
 from trainables.delta.exact import model_of
 from trainables.evaluation import EvalPoint, expected_return
@@ -159,7 +160,7 @@ def run_episodes(
     return total
 
 
-class SelectLearner:
+class SelectLearner(InPlace):
     """delta_select at work on one task: its tables, counts and random streams."""
 
     def __init__(self, cell: Cell, source: Knowledge | None) -> None:
@@ -227,6 +228,9 @@ class SelectLearner:
     def knowledge(self) -> Knowledge:
         """Q_trg, for a later transfer."""
         return Knowledge({"q": self._q.copy()})
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {"q": self._q, **self._paths._asdict()}
 
     def _chosen(self) -> int:
         """The source with the largest promise + path delta among those followed and worth following, or NONE.
