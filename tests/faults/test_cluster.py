@@ -186,14 +186,14 @@ def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> N
 
 
 def test_a_storage_that_another_node_does_not_see_is_refused_at_submit_and_gets_no_checkpoints_when_joined(
-    calm: Path, tmp_path: Path
+    finished: Path, tmp_path: Path
 ) -> None:
     import yaml
 
     storage = tmp_path / "storage"
     storage.mkdir()
     blinded = with_a_disk_of_its_own(storage)
-    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(**LONGER), sort_keys=False))
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(), sort_keys=False))
     with running(nodes=0) as cluster:
         cluster.nodes.append(cluster.add_node(within=blinded))
         words = ["submit", str(tmp_path / "space.yaml"), "--address", cluster.jobs, "--storage", str(storage)]
@@ -204,8 +204,8 @@ def test_a_storage_that_another_node_does_not_see_is_refused_at_submit_and_gets_
         assert shell.stderr.startswith(f"error: {storage} is not one folder for all nodes ({blind} cannot see")
         assert len(shell.stderr.splitlines()) == 1
         assert not any(storage.iterdir()), "nothing has begun"
-        with driver(storage, "--no-mlflow", "--address", cluster.address, env=TOKEN, **LONGER) as process:
+        with driver(storage, "--no-mlflow", "--address", cluster.address, env=TOKEN) as process:
             out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, err
     assert f"no checkpoints: {blind} cannot see" in out
-    assert_same(storage, calm)
+    assert_same(storage, finished)
