@@ -49,10 +49,10 @@ class CellRun:
         self._started = self._saved = time.perf_counter()
         with self._caught():
             self._training = train(cell, source(cell))
-            resumable = checkpoints is not None and self._training.resumable
-            self._path = checkpoints / f"{cell.id}.checkpoint" if checkpoints and resumable else None
-            begun = saved is None or cell.id in saved
-            self._before = _resume(self._training, self._path if begun else None)
+            if checkpoints is not None and self._training.resumable:
+                self._path = checkpoints / f"{cell.id}.checkpoint"
+                if saved is None or cell.id in saved:
+                    self._before = _resume(self._training, self._path)
 
     @property
     def evaluations(self) -> int:
@@ -172,9 +172,9 @@ def _outcome(cell: Cell, error: str, points: dict[str, Any], seconds: float) -> 
     }
 
 
-def _resume(training: Training, path: Path | None) -> dict[str, Any]:
+def _resume(training: Training, path: Path) -> dict[str, Any]:
     """Bring the training to its last checkpoint, if it has one; the points up to there."""
-    state = checkpoint.load_if_whole(path) if path is not None else None
+    state = checkpoint.load_if_whole(path)
     if state is None:
         return curve.columns([])
     training.restore(state["training"])

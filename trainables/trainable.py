@@ -123,8 +123,12 @@ def run_cells(
     files.install(own or {})
     tune.report({"worker": {"pid": os.getpid(), "node": ray.get_runtime_context().get_node_id()}})
     folder = storage_path(checkpoints) if checkpoints else None
-    options: dict[str, Any] = {"keep": keep, "checkpoints": folder, "checkpoint_seconds": checkpoint_seconds}
-    options["saved"] = _saved(folder)
+    options: dict[str, Any] = {
+        "keep": keep,
+        "checkpoints": folder,
+        "checkpoint_seconds": checkpoint_seconds,
+        "saved": _saved(folder),
+    }
     cells = [Cell.from_json(data) for data in config["cells"]]
     stop = StopFile(folder)
 

@@ -12,8 +12,10 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 from conftest import LONGER
 from harness import PATIENCE, assert_same, driver, ended, space, sweep, wait_for
 
@@ -102,6 +104,14 @@ def cluster() -> Iterator[Cluster]:
         yield there
 
 
+def submit(cluster: Cluster, file: Path, storage: Path, **changes: Any) -> subprocess.CompletedProcess[str]:
+    """`deltatune submit` of the space that is written to `file`."""
+    file.write_text(yaml.safe_dump(space(**changes), sort_keys=False))
+    words = ["submit", str(file), "--address", cluster.jobs, "--storage", str(storage), "--no-mlflow"]
+    command = [sys.executable, "-m", "orchestrator.cli", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=TOKEN)
+
+
 def with_a_disk_of_its_own(folder: Path) -> list[str]:
     """The words before a command that sees an empty disk where others see `folder`."""
     words = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs none "$0" && exec "$@"', str(folder)]
@@ -143,12 +153,7 @@ def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
 
 
 def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
-    import yaml
-
-    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(**LONGER), sort_keys=False))
-    words = ["submit", str(tmp_path / "space.yaml"), "--address", cluster.jobs, "--storage", str(tmp_path)]
-    command = [sys.executable, "-m", "orchestrator.cli", *words, "--no-mlflow"]
-    shell = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=TOKEN)
+    shell = submit(cluster, tmp_path / "space.yaml", tmp_path, **LONGER)
     assert shell.returncode == 0, shell.stderr
     assert "runs the sweep small" in shell.stdout
     wait_for(ended(tmp_path, 5))
@@ -188,17 +193,12 @@ def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> N
 def test_a_storage_that_another_node_does_not_see_is_refused_at_submit_and_gets_no_checkpoints_when_joined(
     finished: Path, tmp_path: Path
 ) -> None:
-    import yaml
-
     storage = tmp_path / "storage"
     storage.mkdir()
     blinded = with_a_disk_of_its_own(storage)
-    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space(), sort_keys=False))
     with running(nodes=0) as cluster:
         cluster.nodes.append(cluster.add_node(within=blinded))
-        words = ["submit", str(tmp_path / "space.yaml"), "--address", cluster.jobs, "--storage", str(storage)]
-        command = [sys.executable, "-m", "orchestrator.cli", *words, "--no-mlflow"]
-        shell = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=TOKEN)
+        shell = submit(cluster, tmp_path / "space.yaml", storage)
         assert (shell.returncode, shell.stdout) == (2, "")
         blind = socket.gethostname()
         assert shell.stderr.startswith(f"error: {storage} is not one folder for all nodes ({blind} cannot see")
