@@ -2,7 +2,8 @@
 
 numba's own cache looks at the file of the compiled function alone; a kernel that calls a function of another
 file would go on running the old one after an upgrade. Here the cache folder is named by the contents of every
-kernel file, so a changed line anywhere means a new compilation.
+file that has kernels or a constant that one of them imports (numba freezes it into the kernel): a changed line in
+any of these means a new compilation, and one elsewhere does not.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
+import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -20,13 +22,29 @@ from platformdirs import user_cache_path
 
 F = TypeVar("F", bound=Callable[..., object])
 
+_IMPORT = re.compile(r"^from trainables\.([\w.]+) import (\([^)]*\)|.*)$", re.MULTILINE)
+_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b")
+
+
+def _sources(package: Path) -> list[str]:
+    """The text of every file below `package` that decides what its kernels compute."""
+    texts = {file: file.read_text(encoding="utf-8") for file in sorted(package.rglob("*.py"))}
+    kernels = {file for file, text in texts.items() if "compiled" in text or "numba" in text}
+    frozen = {
+        package.joinpath(*module.split(".")).with_suffix(".py")
+        for file in kernels
+        for module, names in _IMPORT.findall(texts[file])
+        if _CONSTANT.search(names)
+    }
+    return [text for file, text in texts.items() if file in kernels | frozen]
+
 
 @functools.cache
 def _cache_folder() -> str | None:
     """A writable folder for compiled kernels, or None where there is none (then each process compiles)."""
     digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(file.read_bytes())
+    for source in _sources(Path(__file__).parent):
+        digest.update(source.encode())
     root = os.environ.get("NUMBA_CACHE_DIR") or str(user_cache_path("deltatune") / "kernels")
     folder = Path(root) / digest.hexdigest()[:16]
     try:

@@ -16,7 +16,9 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "package"
     (folder / "tasks").mkdir(parents=True)
     (folder / "jit.py").write_text("")
-    (folder / "tasks" / "kernel.py").write_text("STEP = 1\n")
+    (folder / "tasks" / "kernel.py").write_text("from trainables.limits import MOST\n@compiled\n")
+    (folder / "limits.py").write_text("MOST = 1\n")
+    (folder / "plain.py").write_text("STEP = 1\n")
     monkeypatch.setattr(jit, "__file__", str(folder / "jit.py"))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     return folder
@@ -26,15 +28,21 @@ def _folder() -> str | None:
     return jit._cache_folder.__wrapped__()
 
 
-def test_a_changed_line_anywhere_means_another_cache_folder(package: Path) -> None:
+def test_a_changed_kernel_or_constant_of_one_means_another_cache_folder(package: Path) -> None:
     first = _folder()
     assert first is not None
     assert Path(first).is_dir()
     assert _folder() == first
-    (package / "tasks" / "kernel.py").write_text("STEP = 2\n")
+    (package / "limits.py").write_text("MOST = 2\n")
     second = _folder()
-    (package / "another.py").write_text("STEP = 3\n")
+    (package / "tasks" / "kernel.py").write_text("@compiled\n")
     assert len({first, second, _folder()}) == 3
+
+
+def test_a_changed_line_elsewhere_keeps_the_compiled_kernels(package: Path) -> None:
+    first = _folder()
+    (package / "plain.py").write_text("STEP = 2\n")
+    assert _folder() == first
 
 
 def test_an_unwritable_cache_means_no_cache_and_no_error(package: Path, tmp_path: Path, monkeypatch) -> None:
