@@ -20,6 +20,8 @@ from typing import Any
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
+import orchestrator
+from orchestrator.provenance import write_staged
 from orchestrator.settings import Resources
 from trainables.errors import InputError
 from trainables.storage import is_local, storage_path
@@ -77,22 +79,29 @@ def _join(address: str) -> None:
 
 
 def stage_code(folder: Path) -> Path:
-    """A copy of our packages in `folder`, and of nothing that lies beside them."""
-    root = Path(__file__).resolve().parent.parent
+    """Copy our packages to `folder`, with what they are a copy of, and nothing that lies beside them."""
+    root = Path(str(orchestrator.__file__)).resolve().parent.parent
     for package in PACKAGES:
         shutil.copytree(root / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
+    write_staged(folder)
     return folder
 
 
 def check_address(address: str) -> None:
     """Raise InputError where no cluster can be at `address`: Ray itself would try for minutes to reach it."""
-    host, _, port = address.removeprefix("ray://").rpartition(":")
+    host, port = _host_and_port(address)
     if not host or not port.isdigit():
         if address == "auto":
             return
         raise InputError(f"a cluster's address is HOST:PORT or 'auto' (got '{address}')")
     if error := unreachable(host, int(port)):
         raise InputError(f"no Ray cluster answers at '{address}': {error}")
+
+
+def _host_and_port(address: str) -> tuple[str, str]:
+    """Return both parts of HOST:PORT or [IPV6]:PORT as text, the host without brackets."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    return host.removeprefix("[").removesuffix("]"), port
 
 
 def unreachable(host: str, port: int, timeout: float = 5.0) -> str | None:
@@ -118,7 +127,7 @@ def watched_head(lost: Callable[[str], None]) -> Iterator[None]:
 
 
 def _watch(address: str, lost: Callable[[str], None], over: threading.Event) -> None:
-    host, _, port = address.rpartition(":")
+    host, port = _host_and_port(address)
     heard = time.monotonic()
     while not over.wait(HEAD_PATIENCE / 9):
         if not unreachable(host, int(port)):
@@ -179,8 +188,11 @@ def blind_nodes(folder: Path) -> list[str]:
     there = nodes()
     if len(there) < 2 or not is_local(folder):
         return []
-    probe = Path(tempfile.mkstemp(dir=folder, prefix=".probe-")[1])
+    descriptor, name = tempfile.mkstemp(dir=folder, prefix=".probe-")
+    os.close(descriptor)
+    probe = Path(name)
     try:
+        probe.chmod(0o644)  # a node may run under another user
         probe.write_text(token := hashlib.sha256(os.urandom(16)).hexdigest())
         asked = [_on(node, _sees).remote(str(probe), token) for node, _ in there]
         ray.wait(asked, num_returns=len(asked), timeout=NODE_ANSWER)
@@ -190,9 +202,11 @@ def blind_nodes(folder: Path) -> list[str]:
 
 
 def _answered(answer: Any) -> bool | None:
-    """What a node has said; None where it is gone, or does not answer."""
+    """What a node has said, False where it could not read at all; None where it is gone, or does not answer."""
     try:
         seen: bool = ray.get(answer, timeout=0)
+    except ray.exceptions.RayTaskError:
+        return False
     except ray.exceptions.RayError:
         return None
     return seen

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 from mlflow.tracking import MlflowClient
@@ -32,5 +33,5 @@ def find_experiment(client: MlflowClient, uri: str, family: str, artifacts: Path
 
 def _write_ahead(uri: str) -> None:
     """Write-ahead logging for a sqlite store: twice the rate of small writes, and readers never block the writer."""
-    with sqlite3.connect(uri.removeprefix("sqlite:///")) as database:
+    with closing(sqlite3.connect(uri.removeprefix("sqlite:///"))) as database:
         database.execute("PRAGMA journal_mode=WAL")

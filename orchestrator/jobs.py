@@ -26,6 +26,9 @@ from trainables.plugins.files import packed
 SPACE_FILE = "space.yaml"
 """The search space beside the code that is sent."""
 
+FILE_OPTIONS = ("--params", "--source")
+"""Options of `sweep` whose value may be a file."""
+
 ASK_SECONDS = 180.0
 """How long the cluster may take to say whether its nodes see the storage."""
 
@@ -50,14 +53,43 @@ def client(address: str) -> Any:
 
 def submit(head: Any, space: SearchSpace, words: Sequence[str], name: str) -> str:
     """Send `deltatune sweep` with `words`, the search space, and the files that either names; the job's id."""
-    files = {SPACE_FILE: yaml.safe_dump(space.to_json(), sort_keys=False).encode()}
-    files |= {key.partition("@")[0]: source for key, source in packed().items()}
-    named = {word: Path(word) for word in words if Path(word).is_file()}
-    files |= {path.name: path.read_bytes() for path in named.values()}
-    words = [named[word].name if word in named else word for word in words]
+    text = yaml.safe_dump(space.to_json(), sort_keys=False)
+    files = {SPACE_FILE: text.encode()}
+    for key, source in packed().items():
+        file = key.partition("@")[0]
+        if key not in text:
+            continue
+        if file in files:
+            raise InputError(f"two files called {file} cannot go to a cluster together: rename one of them")
+        files[file] = source
+    words = list(_as_sent(words, files))
     entrypoint = shlex.join(["python", "-m", "orchestrator.cli", "sweep", SPACE_FILE, *words, "--address", "auto"])
     with _package(files) as folder:
         return _send(head, entrypoint, folder, {"deltatune_sweep": name})
+
+
+def _as_sent(words: Sequence[str], files: dict[str, bytes]) -> Iterator[str]:
+    """Yield the words as the job has to read them; each file that an option names is added to `files`."""
+    before = ""
+    for word in words:
+        option, equals, value = word.partition("=")
+        if option in FILE_OPTIONS and equals:
+            yield f"{option}={_sent(value, files)}"
+        else:
+            yield _sent(word, files) if before in FILE_OPTIONS else word
+        before = word
+
+
+def _sent(word: str, files: dict[str, bytes]) -> str:
+    """Return the name under which the file `word` is sent, one that no other file has; what is no file stays."""
+    path = Path(word)
+    if not path.is_file():
+        return word
+    data = path.read_bytes()
+    names = (path.name, *(f"{number}-{path.name}" for number in range(2, len(files) + 3)))
+    name = next(name for name in names if files.get(name, data) == data)
+    files[name] = data
+    return name
 
 
 def check_storage(head: Any, storage: str) -> None:

@@ -50,6 +50,7 @@ class Found:
             "high": ranked.high if tried else None,
             "promise": target.promise if tried else None,
             "kept": ranked.kept[0] if tried else None,
+            "kept_low": ranked.kept[1] if tried else None,
             "delta": target.delta,
             "self_delta": floor.delta,
             "self_path_delta": floor.path_delta,

@@ -38,7 +38,7 @@ hyperparameters:  # for every agent that has them; 'deltatune agents' explains t
   evaluate_every: {every}
 agents:  # one value, a list to try each of, or a range with 'search'
 {agents}
-# A range:  delta_gate: {{threshold: {{low: 1, high: 20}}}}  together with
+# A range:  {range}  together with
 # search: {{method: random, budget: 20}}      # or method: optuna
 """
 
@@ -70,6 +70,9 @@ def starter(typed: str, name: str, file: str) -> str:
         features=", ".join(feature.name for feature in task.family.features) or "none",
         episodes=settings["episodes"],
         every=min(settings["evaluate_every"], max(1, settings["episodes"] // 10)),
+        range="delta_gate: {threshold: {low: 1, high: 20}}"
+        if task.tabular
+        else "delta_es: {advice_fraction: {low: 0.1, high: 0.5}}",
         agents="\n".join(f"  {agent}: {options}" for agent, options in agents.items()),
     )
 

@@ -74,11 +74,16 @@ def rollout(env: gymnasium.Env[Any, Any], steps: int = STEPS) -> list[bytes]:
     return seen
 
 
+def refused(question: str, error: Exception) -> Finding:
+    """Return the finding that a task's code has raised `error`."""
+    return Finding(question, False, in_words(error))
+
+
 def _asked(question: str, ask: Callable[[], tuple[bool | None, str]]) -> Finding:
     try:
         return Finding(question, *ask())
     except Exception as error:
-        return Finding(question, False, in_words(error))
+        return refused(question, error)
 
 
 def _actions(env: gymnasium.Env[Any, Any], rng: np.random.Generator, count: int) -> list[int]:
@@ -147,8 +152,12 @@ def _model(task: Task) -> tuple[bool, str]:
     return True, f"{10 * STEPS} steps"
 
 
-def _effect(task: Task, feature: ContextFeature) -> tuple[bool, str]:
-    """Whether some other value changes what comes: the exact model, or a rollout."""
+def _effect(task: Task, feature: ContextFeature) -> tuple[bool | None, str]:
+    """Whether some other value changes what comes: the exact model, or a rollout.
+
+    None for an attribute of a Gymnasium environment that random actions do not show: they may never get to the goal
+    whose position it is.
+    """
     default, tried = _behaviour(Task(task.family)), []
     for value in _others(feature):
         changed = Task(task.family, ((feature.name, value),))
@@ -160,7 +169,8 @@ def _effect(task: Task, feature: ContextFeature) -> tuple[bool, str]:
         if differs:
             return True, f"with {changed.name.partition(f'{feature.name}=')[2]}, not {feature.text(feature.default)}"
         tried.append(feature.text(value))
-    return False, f"it changes nothing in {STEPS} steps (tried {', '.join(tried) or 'no other value'})"
+    known = None if task.family.name.startswith("gym:") else False
+    return known, f"it changes nothing in {STEPS} random steps (tried {', '.join(tried) or 'no other value'})"
 
 
 def _behaviour(task: Task) -> Any:

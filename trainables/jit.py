@@ -8,11 +8,14 @@ any of these means a new compilation, and one elsewhere does not.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
 import re
+import shutil
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -21,6 +24,9 @@ import numba
 from platformdirs import user_cache_path
 
 F = TypeVar("F", bound=Callable[..., object])
+
+MAX_UNUSED_DAYS = 30
+"""Days after which the kernels of a version that nobody has used are removed."""
 
 _IMPORT = re.compile(r"^from trainables\.([\w.]+) import (\([^)]*\)|.*)$", re.MULTILINE)
 _CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b")
@@ -50,9 +56,21 @@ def _cache_folder() -> str | None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return str(folder)
+            pass
+        os.utime(folder)  # when it was used last
     except OSError:
         return None
+    _remove_unused(folder)
+    return str(folder)
+
+
+def _remove_unused(folder: Path) -> None:
+    """Remove the cache folders of other versions that no process has used for MAX_UNUSED_DAYS."""
+    oldest = time.time() - 86400 * MAX_UNUSED_DAYS
+    for other in folder.parent.iterdir():
+        with contextlib.suppress(OSError):
+            if re.fullmatch(r"[0-9a-f]{16}", other.name) and other.is_dir() and other.stat().st_mtime < oldest:
+                shutil.rmtree(other, ignore_errors=True)
 
 
 def compiled(function: F) -> F:

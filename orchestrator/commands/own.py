@@ -24,17 +24,20 @@ def check(task: TASK, as_json: Json = False) -> None:
     from orchestrator.present import table
     from orchestrator.task_cost import task_costs
     from trainables.check import check as findings
-    from trainables.check import steps_per_second
+    from trainables.check import refused, steps_per_second
     from trainables.tasks import parse_task
 
     parsed = parse_task(canonical(task))
-    found = []
+    rate, costs = None, []
     with out.status("checking"):
-        for finding in findings(parsed):
-            found.append(finding)
+        found = list(findings(parsed))
         sound = all(finding.passed is not False for finding in found)
-        rate = steps_per_second(parsed) if sound else None
-        costs = task_costs(parsed) if sound else []
+        if sound:
+            try:
+                rate, costs = steps_per_second(parsed), task_costs(parsed)
+            except Exception as error:  # the task's own code, which may fail late
+                found.append(refused("runs for thousands of steps, and is learned", error))
+                rate, costs, sound = None, [], False
     if as_json:
         data: dict[str, Any] = {"task": parsed.name, "sound": sound, "findings": [asdict(each) for each in found]}
         print_json(data | {"environment_steps_per_second": rate, "costs": [asdict(cost) for cost in costs]})

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from orchestrator.commands.app import RESULTS, Json, Storage, app, out, print_json
+from trainables.plugins.names import short
 
 sources = typer.Typer(no_args_is_help=True, help="The source library: list, check, and pass on what is trained.")
 app.add_typer(sources, name="sources")
@@ -149,12 +150,19 @@ def rank(
 def _print_ranking(data: dict[str, Any]) -> None:
     from orchestrator.present import table
 
-    columns = ("id", "source task", "seed", "return, discounted [95%]", "kept", "delta", "own task's", "episodes", "")
+    columns: tuple[str, ...] = ("id", "source task", "seed", "discounted return [95%]", "advantage kept [at least]")
+    columns += ("|delta|", "|delta| at home", "episodes", "verdict")
     every = data["sources"]
-    out.print(table(columns, [_ranked(each) for each in every[:SHOWN]], f"sources for {data['target']}, best first"))
+    title = f"Sources for {short(data['target'])}, by the lower end of the return's interval"
+    out.print(table(columns, [_ranked(each) for each in every[:SHOWN]], title))
     if len(every) > SHOWN:
         out.print(f"... and {len(every) - SHOWN} more (--json has all)")
     out.print(f"{data['steps']} steps on the target; acting at random returns {data['random_return']:.1f}.")
+    out.print(
+        "Advantage: by how much more than acting at random a source's own values say that it will return; here, the "
+        "share of it that is kept on the target.",
+        soft_wrap=True,
+    )
     if data["recommended"] is None:
         kept = "unknown" if every[0]["kept"] is None else f"{every[0]['kept']:.0%}"
         out.print("None is similar enough: learn without a source.", soft_wrap=True)
@@ -168,6 +176,15 @@ def _print_ranking(data: dict[str, Any]) -> None:
 def _ranked(data: dict[str, Any]) -> tuple[str, ...]:
     tried = data["value"] is not None
     value = f"{data['value']:.1f} [{data['low']:.1f}, {data['high']:.1f}]" if tried else "not tried"
-    kept = f"{data['kept']:.0%}" if tried else "-"
+    kept = f"{data['kept']:.0%} [{data['kept_low']:.0%}]" if tried else "-"
     sizes = f"{data['delta']:.2f}", f"{data['self_delta']:.2f}"
-    return (data["id"], data["task"], str(data["seed"]), value, kept, *sizes, str(data["episodes"]), data["verdict"])
+    return (
+        data["id"],
+        short(data["task"]),
+        str(data["seed"]),
+        value,
+        kept,
+        *sizes,
+        str(data["episodes"]),
+        data["verdict"],
+    )

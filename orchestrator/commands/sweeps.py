@@ -183,5 +183,9 @@ def ui(
     prepare()
     from orchestrator.store import tracking_uri as store_uri
     from orchestrator.ui import serve
+    from trainables.errors import InputError
+
+    if not host.strip():
+        raise InputError(f"--host must be an address such as 127.0.0.1, or 0.0.0.0 for all (got '{host}')")
 
     raise typer.Exit(serve(store_uri(storage, tracking_uri), host, port, out))

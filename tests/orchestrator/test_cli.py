@@ -195,6 +195,8 @@ def test_reading_commands(terminal: Terminal, finished: Path, tmp_path: Path) ->
         (["sweep", "demo", "--tracking-uri", "gopher://x"], "a tracking URI must start with sqlite:"),
         (["sweep", "demo", "--address", "somewhere"], "a cluster's address is HOST:PORT or 'auto' (got 'somewhere')"),
         (["sweep", "demo", "--address", "127.0.0.1:1"], "no Ray cluster answers at '127.0.0.1:1': Connection refused"),
+        (["sweep", "demo", "--address", "[::1]:1"], "no Ray cluster answers at '[::1]:1': "),
+        (["ui", "--host", ""], "--host must be an address such as 127.0.0.1, or 0.0.0.0 for all (got '')"),
         (["sweep", "/nowhere.yaml"], "cannot read /nowhere.yaml: No such file or directory"),
         (["export", "nothing"], "unknown sweep in results 'nothing'"),
         (["report", "nothing"], "unknown sweep in results 'nothing'"),
@@ -251,6 +253,14 @@ def test_check_says_whether_a_task_is_sound(
     assert data["environment_steps_per_second"] > 0
     assert [cost["agent"] for cost in data["costs"]] == ["dqn", "delta_es"]
     assert all(0 < cost["seconds_low"] <= cost["seconds_high"] for cost in data["costs"])
+    for name in ("LateRaise", "LateNan"):  # after the rollouts, while its speed is measured
+        code, out, err = terminal.run("check", f"bad_tasks.py:{name}", "--json")
+        assert (code, err) == (1, "")
+        finding = json.loads(out)["findings"][-1]
+        assert finding["passed"] is False
+        assert "bad_tasks.py:" in finding["answer"]
+    refusal = terminal.refused("check", "bad_tasks.py:Learner")
+    assert refusal == "error: bad_tasks.py:Learner is not a task (it is an agent): make one with trainables.own.task\n"
     assert "unknown task 'bad_tasks'" in terminal.refused("check", "bad_tasks")
     assert "bad_tasks.py has no 'Goood'; did you mean 'Good'?" in terminal.refused("check", "bad_tasks.py:Goood")
 
@@ -265,6 +275,8 @@ def test_init_writes_a_file_once_that_a_dry_run_reads(
     assert terminal.run("init", "supply_chain", "-o", "mine.yaml")[0] == 0
     assert yaml.safe_load(Path("mine.yaml").read_text()) == yaml.safe_load(out)
     assert "mine.yaml is there already" in terminal.refused("init", "supply_chain", "-o", "mine.yaml")
+    assert "# A range:  delta_gate: {threshold: {low: 1, high: 20}}" in out
+    assert "# A range:  delta_es: {advice_fraction: {low: 0.1, high: 0.5}}" in terminal.run("init", "cartpole")[1]
     data = terminal.json("sweep", "mine.yaml", "--dry-run", "--seeds", "1", "--agents", "q_learning")
     assert [(stage["stage"], stage["cells"], stage["done"]) for stage in data["stages"]] == [
         ("source", 2, 0),

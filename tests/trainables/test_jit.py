@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 
 import numba
@@ -59,3 +61,17 @@ def test_compiling_leaves_numbas_own_setting_alone(package: Path, tmp_path: Path
     monkeypatch.setattr(jit, "_cache_folder", lambda: str(tmp_path))
     jit.compiled(test_compiling_leaves_numbas_own_setting_alone)
     assert numba.config.CACHE_DIR == "somewhere"
+
+
+def test_the_kernels_of_versions_unused_for_a_month_are_removed(package: Path, tmp_path: Path) -> None:
+    first = _folder()
+    assert first is not None
+    (package / "limits.py").write_text("MOST = 2\n")
+    kept, other = tmp_path / "cache" / ("a" * 16), tmp_path / "cache" / "not-ours"
+    for folder, days in ((Path(first), 31), (kept, 29), (other, 400)):
+        folder.mkdir(exist_ok=True)
+        then = time.time() - 86400 * days
+        os.utime(folder, (then, then))
+    second = _folder()
+    assert second is not None
+    assert {path.name for path in (tmp_path / "cache").iterdir()} == {Path(second).name, kept.name, other.name}

@@ -49,7 +49,9 @@ def _agent(name: str, thing: Any) -> Agent:
         except Exception as error:
             raise InputError(f"{name} is not an agent: calling it failed ({files.in_words(error)})") from None
     if not isinstance(thing, Agent):
-        raise InputError(f"{name} is not an agent (it is {thing!r}): make one with trainables.own.agent")
+        raise InputError(
+            f"{names.short(name)} is not an agent (it is {names.described(thing)}): make one with trainables.own.agent"
+        )
     code, _, _ = name.partition(":")
     short = code.partition("@")[0]
     base = thing.base

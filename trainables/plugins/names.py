@@ -65,3 +65,13 @@ def short(text: str) -> str:
 def own(text: str) -> bool:
     """Whether `text`, features or not, is a canonical name of own code, by file or by package."""
     return by_file(text) or _PACKAGE.fullmatch(text.partition(":")[0]) is not None
+
+
+def described(thing: object) -> str:
+    """Return what a value is, in a few words: 'an agent', 'the class Walk', '3', 'a value of the type Env'."""
+    kind = type(thing).__name__
+    if isinstance(thing, type):
+        return f"the class {thing.__name__}"
+    if isinstance(thing, int | float | str | None):
+        return repr(thing)
+    return {"Agent": "an agent", "TaskFamily": "a task"}.get(kind, f"a value of the type {kind}")

@@ -48,6 +48,8 @@ def _family(name: str, thing: Any) -> TaskFamily:
         except Exception as error:
             raise InputError(f"{name} is not a task: calling it failed ({files.in_words(error)})") from None
     if not isinstance(thing, TaskFamily):
-        raise InputError(f"{name} is not a task (it is {thing!r}): make one with trainables.own.task")
+        raise InputError(
+            f"{names.short(name)} is not a task (it is {names.described(thing)}): make one with trainables.own.task"
+        )
     targets = tuple(f"{name}:{target}" for target in thing.targets)
     return _FAMILIES.setdefault(name, replace(thing, name=name, targets=targets, origin="own"))

@@ -4,7 +4,9 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete, MultiDiscrete, Sequence
 
-from trainables.own import feature, task
+from trainables.agents.hyperparameters import QLearning
+from trainables.agents.step_learner import StepLearner
+from trainables.own import agent, feature, task
 
 
 class Walk(gymnasium.Env):
@@ -70,6 +72,33 @@ class Talks(Walk):
     observation_space = Sequence(Discrete(3))
 
 
+class Late(Walk):
+    """Breaks once it has been reset for a hundred times."""
+
+    resets = 0
+
+    def reset(self, *, seed=None, options=None):
+        type(self).resets += 1
+        return super().reset(seed=seed, options=options)
+
+
+class RaisesLate(Late):
+    """Its reset raises late."""
+
+    def reset(self, *, seed=None, options=None):
+        if self.resets > 100:
+            raise RuntimeError("out of licences")
+        return super().reset(seed=seed, options=options)
+
+
+class NanLate(Late):
+    """Its rewards are NaN late."""
+
+    def step(self, action):
+        observation, reward, *rest = super().step(action)
+        return observation, np.nan if self.resets > 100 else reward, *rest
+
+
 def made(env, **more):
     return task(env, feature("wind", 0.0, -1, 1), feature("idle", 1.0, 0, 9), limit=20, episodes=10, **more)
 
@@ -78,4 +107,6 @@ Good, Reset, Shape, Nan = made(Walk), made(RaisesInReset), made(ChangesShape), m
 Multi, Torque, Words = made(ManyActions), made(Continuous), made(Talks)
 Cut = task(Continuous, feature("wind", 0.0, -1, 1), limit=20, levels=3, episodes=10)
 Endless = task(Walk, feature("wind", 0.0, -1, 1))
+LateRaise, LateNan = (task(env, feature("wind", 0.0, -1, 1), limit=20, episodes=10) for env in (RaisesLate, NanLate))
+Learner = agent(StepLearner, QLearning)
 NotATask = 3

@@ -251,7 +251,7 @@ def test_an_agents_name_says_where_it_is_from_and_bad_ones_are_refused(tmp_path:
     )
     more = load(f"{tmp_path / 'mine.py'}:More")
     assert agent_named(more).base == load(f"{tmp_path / 'mine.py'}:Plain")
-    with pytest.raises(InputError, match=r"mine\.py@\w+:Three is not an agent \(it is 3\)"):
+    with pytest.raises(InputError, match=r"mine\.py:Three is not an agent \(it is 3\)"):
         agent_named(load(f"{tmp_path / 'mine.py'}:Three"))
     with pytest.raises(InputError, match="needs a tabular task"):
         Cell.create(load(f"{tmp_path / 'mine.py'}:Plain"), "cartpole", 0)

@@ -157,7 +157,6 @@ def test_any_gymnasium_environment_with_discrete_actions_is_a_task() -> None:
     [
         ("gym:MountainCar-v0:gravty=2x", "gravty is not an attribute"),
         ("gym:MountainCar-v0:no.such.path=2x", "no.such.path is not an attribute"),
-        ("gym:CartPole-v1:screen_width=2x", "changes nothing"),
         ("gym:CartPole-v1:kinematics_integrator=2", "not a number"),
         ("gym:Ant-v5", "levels=3 in 8 dimensions are 6561 actions, more than 1024: levels=2 are 256"),
         ("gym:Humanoid-v5", "129140163 actions, more than 1024: there are too many dimensions"),
@@ -175,3 +174,25 @@ def test_bad_tasks_are_refused_with_one_sentence(text: str, says: str) -> None:
     with pytest.raises(InputError, match=says) as caught:
         parse_task(text)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["gym:MountainCar-v0:goal_position=0.4", "gym:CartPole-v1:screen_width=2x"])
+def test_a_feature_that_random_actions_cannot_show_is_warned_of_and_taken(
+    text: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    gym_task_check = parse_task(text).family.check
+    caplog.clear()
+    gym_task_check(parse_task(text).context)
+    assert "changes nothing in 100 random steps" in caplog.text
+
+
+def test_an_environment_that_cannot_be_made_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        raise RuntimeError("no licence\nfor this simulator")
+
+    gymnasium.register("Broken-v0", entry_point=broken)
+    try:
+        with pytest.raises(InputError, match="task 'gym:Broken-v0': no licence for this simulator"):
+            parse_task("gym:Broken-v0")
+    finally:
+        del gymnasium.registry["Broken-v0"]
