@@ -49,7 +49,7 @@ def settings_text(values: Mapping[str, Any]) -> str:
 
 def cell_name(cell: Cell) -> str:
     """A cell's name for people; MLflow refuses brackets and equal signs in names."""
-    parts = [_short(cell.agent), _short(cell.task), cell.source.kind if cell.source else "", f"seed {cell.seed}"]
+    parts = [_short(cell.agent), _short(cell.task), cell.sources[0].kind if cell.sources else "", f"seed {cell.seed}"]
     return " / ".join(part for part in parts if part)
 
 

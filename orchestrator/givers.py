@@ -66,7 +66,7 @@ def givers(results: Results) -> list[Giver]:
     factory can build.
     """
     plan, library = results.plan(), SourceLibrary(results.storage)
-    used = {cell.source.cell_id for cell in plan.get("transfer", ()) if cell.source is not None}
+    used = {source.cell_id for cell in plan.get("transfer", ()) for source in cell.sources}
     records = [results.record(cell.id) for cell in plan.get("source", ())]
     done = [record for record in records if record is not None and record.status == "done"]
     found = []

@@ -23,7 +23,7 @@ Params = Mapping[Key, Values]
 
 def key_of(cell: Cell) -> Key:
     """(task, agent, kind of source) of a cell."""
-    return cell.task, cell.agent, cell.source.kind if cell.source else "none"
+    return cell.task, cell.agent, cell.sources[0].kind if cell.sources else "none"
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,15 @@ class Pair:
 
     def owns(self, cell: Cell) -> bool:
         """Whether the cell is one of this pair: its task, agent, seeds and sources."""
-        given = self.sources.get(cell.seed), self.libraries.get(cell.seed, ())
-        return key_of(cell) == self.key and cell.seed in self.seeds and (cell.source, cell.library) == given
+        return key_of(cell) == self.key and cell.seed in self.seeds and cell.sources == self._sources(cell.seed)
 
     def cells(self, values: Values) -> list[Cell]:
         """One cell per seed with these hyperparameters."""
-        return [
-            Cell.create(self.agent, self.task, seed, values, self.sources.get(seed), self.libraries.get(seed, ()))
-            for seed in self.seeds
-        ]
+        return [Cell.create(self.agent, self.task, seed, values, self._sources(seed)) for seed in self.seeds]
+
+    def _sources(self, seed: int) -> tuple[Source, ...]:
+        first = (self.sources[seed],) if seed in self.sources else ()
+        return (*first, *self.libraries.get(seed, ()))
 
     def all_cells(self) -> list[Cell]:
         """The cells of the whole grid; none for a pair with ranges, whose cells come up as it is searched."""

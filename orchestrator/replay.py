@@ -45,7 +45,7 @@ def replay(storage: Path, cell_id: str, sweep: str | None = None) -> Replay:
     if record is None or record.status != "done":
         raise InputError(f"the cell {cell_id} has failed ({record.error if record else 'no record'}): it has no curve")
     cell = record.cell
-    source = source_knowledge(cell, SourceLibrary(results.storage).load) if cell.source else None
+    source = source_knowledge(cell, SourceLibrary(results.storage).load) if cell.sources else None
     again = curve.columns(train(cell, source))
     agrees = curve.digest(again) == record.digest
     difference = None if agrees else _first_difference(record.points, again)

@@ -166,7 +166,7 @@ class Results:
 
 def cell_row(stage: str, cell: Cell, head: Head | None) -> dict[str, Any]:
     """A cell's row of the cells table. A cell that is not done has no AUC: it is counted, never averaged."""
-    source = cell.source
+    source = cell.sources[0] if cell.sources else None
     row: dict[str, Any] = {
         "cell_id": cell.id,
         "stage": stage,

@@ -31,9 +31,10 @@ def cell_tags(stage: str, head: Head) -> dict[str, str]:
     """The tags of a cell's run: what it was, and what it was made with."""
     cell = head.cell
     tags = {"agent": cell.agent, "task": cell.task, "seed": str(cell.seed), "stage": stage, "status": head.status}
-    tags |= {"source": cell.source.kind if cell.source else "none", "of_group": cell.group, "commit": head.commit}
-    if cell.source is not None:
-        tags |= {"source_task": cell.source.task, "source_cell": cell.source.cell_id or "exact"}
+    source = cell.sources[0] if cell.sources else None
+    tags |= {"source": source.kind if source else "none", "of_group": cell.group, "commit": head.commit}
+    if source is not None:
+        tags |= {"source_task": source.task, "source_cell": source.cell_id or "exact"}
     if head.error:
         tags["error"] = head.error[:5000]
     return tags | {f"version.{name}": version for name, version in head.versions.items()}

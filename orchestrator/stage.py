@@ -156,7 +156,7 @@ class Stages:
         """The arrays of every source that `cells` use, by `Source.key`."""
         sources: dict[str, Arrays] = {}
         for cell in cells:
-            if cell.source is not None and cell.source_key not in sources:
+            if cell.sources and cell.source_key not in sources:
                 sources[cell.source_key] = dict(source_knowledge(cell, self._ledger.library.load).arrays)
         return sources
 

@@ -8,9 +8,9 @@ import json
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from trainables.agents import agent_named
+from trainables.agents import Agent, agent_named
 from trainables.agents.hyperparameters import Hyperparameters
 from trainables.errors import InputError, from_validation
 from trainables.tasks import parse_task
@@ -44,9 +44,17 @@ class Source(BaseModel):
     """T, the training steps that the source run of this cell's own seed took (deep agents' decay constant C)."""
 
 
-Library = Annotated[
-    tuple[Source, ...], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
-]
+class _Stored(BaseModel):
+    """A cell's JSON: its first source, and beside it those of the library of an agent that chooses among several."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    agent: str
+    task: str
+    seed: Annotated[int, Field(ge=0)]
+    hyperparameters: dict[str, float | int | str | bool]
+    source: Source | None = None
+    library: Annotated[tuple[Source, ...], Field(strict=False)] = ()
 
 
 class Cell(BaseModel):
@@ -59,9 +67,8 @@ class Cell(BaseModel):
     seed: Annotated[int, Field(ge=0)]
     hyperparameters: dict[str, float | int | str | bool]
     """All of them, defaults filled in."""
-    source: Source | None = None
-    library: Library = ()
-    """Further sources, for an agent that chooses among several; JSON and id know of it only where there are any."""
+    sources: tuple[Source, ...] = ()
+    """Whose knowledge it uses: none, one, or several for an agent that chooses among them."""
 
     @classmethod
     def create(
@@ -70,30 +77,18 @@ class Cell(BaseModel):
         task: str,
         seed: int,
         hyperparameters: dict[str, Any] | None = None,
-        source: Source | None = None,
-        library: Iterable[Source] = (),
+        source: Source | Iterable[Source] | None = None,
     ) -> Cell:
         """A checked cell with canonical names and all hyperparameters.
 
-        Raises InputError for anything unknown, out of range, or missing (a source, for an agent that needs one).
+        source: several for an agent that chooses among them. Raises InputError for anything unknown, out of range, or
+        missing (a source, for an agent that needs one).
         """
         named, parsed = agent_named(agent), parse_task(task)
         full = named.resolve(parsed, hyperparameters or {}).model_dump()
-        if named.needs_source and source is None:
-            raise InputError(f"{agent} needs a source task")
-        if not named.needs_source and source is not None:
-            raise InputError(f"{agent} takes no source (got {source.task})")
-        if source is not None:
-            source = _checked(source, named.kind)
-        others = tuple(_checked(other, named.kind) for other in library)
-        if others and not named.several:
-            raise InputError(f"{agent} takes one source, not a library ({', '.join(other.task for other in others)})")
-        if len({source, *others}) <= len(others):
-            raise InputError(f"the library of {agent} has a source twice")
+        sources = _checked_sources(named, () if source is None else (source,) if isinstance(source, Source) else source)
         try:
-            return cls(
-                agent=named.name, task=parsed.name, seed=seed, hyperparameters=full, source=source, library=others
-            )
+            return cls(agent=named.name, task=parsed.name, seed=seed, hyperparameters=full, sources=sources)
         except ValidationError as error:
             raise from_validation("cell", error) from None
 
@@ -101,11 +96,6 @@ class Cell(BaseModel):
     def id(self) -> str:
         """The content hash: equal cells, and only they, have equal ids."""
         return content_id(self.to_json())
-
-    @property
-    def sources(self) -> tuple[Source, ...]:
-        """The source, then those of the library."""
-        return () if self.source is None else (self.source, *self.library)
 
     @property
     def source_key(self) -> str:
@@ -118,18 +108,18 @@ class Cell(BaseModel):
         """The hyperparameters as the agent's own type."""
         return agent_named(self.agent).resolve(parse_task(self.task), dict(self.hyperparameters))
 
-    @property
+    @functools.cached_property
     def group(self) -> str:
         """The id of what the cell shares with its other seeds: agent, task, kind of source and hyperparameters."""
         kinds = [[source.task, source.kind, source.checkpoint] for source in self.sources]
         shared = [self.agent, self.task, kinds[0] if kinds else None, self.hyperparameters]
-        return content_id([*shared, kinds[1:]] if self.library else shared)
+        return content_id([*shared, kinds[1:]] if len(kinds) > 1 else shared)
 
     def to_json(self) -> dict[str, Any]:
         """The cell as plain data, with its schema version."""
         data = self.model_dump()
-        library = list(data.pop("library"))
-        return {"schema": SCHEMA, **data} | ({"library": library} if library else {})
+        first, *library = data.pop("sources") or (None,)
+        return {"schema": SCHEMA, **data, "source": first} | ({"library": library} if library else {})
 
     @classmethod
     def from_json(cls, data: object) -> Cell:
@@ -139,10 +129,28 @@ class Cell(BaseModel):
         if data.get("schema") != SCHEMA:
             raise InputError(f"a cell's schema must be {SCHEMA} (got {data.get('schema')!r})")
         try:
-            raw = cls.model_validate({key: value for key, value in data.items() if key != "schema"})
+            raw = _Stored.model_validate({key: value for key, value in data.items() if key != "schema"})
         except ValidationError as error:
             raise from_validation("cell", error) from None
-        return cls.create(raw.agent, raw.task, raw.seed, dict(raw.hyperparameters), raw.source, raw.library)
+        if raw.library and raw.source is None:
+            raise InputError("a cell with a library needs a source")
+        sources = () if raw.source is None else (raw.source, *raw.library)
+        return cls.create(raw.agent, raw.task, raw.seed, dict(raw.hyperparameters), sources)
+
+
+def _checked_sources(agent: Agent, sources: Iterable[Source]) -> tuple[Source, ...]:
+    """The sources with canonical names; InputError for too many, too few, one that does not fit, or one given twice."""
+    found = tuple(sources)
+    if agent.needs_source and not found:
+        raise InputError(f"{agent.name} needs a source task")
+    if not agent.needs_source and found:
+        raise InputError(f"{agent.name} takes no source (got {found[0].task})")
+    found = tuple(_checked(source, agent.kind) for source in found)
+    if len(found) > 1 and not agent.several:
+        raise InputError(f"{agent.name} takes one source (got {', '.join(source.task for source in found)})")
+    if len(set(found)) < len(found):
+        raise InputError(f"{agent.name} has a source twice")
+    return found
 
 
 def _checked(source: Source, kind: str) -> Source:

@@ -8,7 +8,7 @@ from typing import Any
 
 from trainables.agents import agent_named
 from trainables.cell import Cell, Source
-from trainables.knowledge import Knowledge
+from trainables.knowledge import Knowledge, joined
 from trainables.tasks import parse_task
 from trainables.training import Learner, new_learner
 
@@ -49,7 +49,7 @@ def measure(cell: Cell, seconds: float = SECONDS) -> Rate:
     Raises whatever the task's own code raises.
     """
     cell, scale = _with_short_evaluations(cell)
-    learner = new_learner(cell, _stand_in(cell) if cell.source is not None else None)
+    learner = new_learner(cell, _stand_in(cell) if cell.sources else None)
     before = 0
     while before <= int(cell.hyperparameters.get("batch_size", 0)):  # until it updates, and has been compiled
         learner.run(1)
@@ -73,18 +73,20 @@ def _with_short_evaluations(cell: Cell) -> tuple[Cell, float]:
     if episodes <= EVALUATION_EPISODES:
         return cell, 1.0
     values = dict(cell.hyperparameters) | {"evaluation_episodes": EVALUATION_EPISODES}
-    return Cell.create(cell.agent, cell.task, cell.seed, values, cell.source), episodes / EVALUATION_EPISODES
+    return Cell.create(cell.agent, cell.task, cell.seed, values, cell.sources), episodes / EVALUATION_EPISODES
 
 
 def _stand_in(cell: Cell) -> Knowledge:
-    """What the cell's base agent knows after one episode on the source task."""
-    assert cell.source is not None
+    """What the cell's base agent knows after one episode on each source task."""
     agent = agent_named(cell.agent)
     base = agent_named(str(agent.base))
     values = {key: value for key, value in cell.hyperparameters.items() if key in base.hyperparameters.model_fields}
-    learner: Learner = new_learner(Cell.create(base.name, cell.source.task, cell.seed, values), None)
-    learner.run(1)
-    return learner.knowledge()
+    learners: list[Learner] = [
+        new_learner(Cell.create(base.name, source.task, cell.seed, values), None) for source in cell.sources
+    ]
+    for learner in learners:
+        learner.run(1)
+    return joined([learner.knowledge() for learner in learners])
 
 
 def probe(agent: str, task: str, source: str | None, hyperparameters: dict[str, Any]) -> Cell:

@@ -133,7 +133,7 @@ def run_cells(
     stop = StopFile(folder)
 
     def source(cell: Cell) -> Knowledge | None:
-        return Knowledge((sources or {})[cell.source_key]) if cell.source else None
+        return Knowledge((sources or {})[cell.source_key]) if cell.sources else None
 
     if config.get("together"):
         _run_together([CellRun(cell, source, **options) for cell in cells], stop)

@@ -104,10 +104,10 @@ class Training(Iterator[EvalPoint]):
 def train(cell: Cell, source: Knowledge | None = None) -> Training:
     """Iterate over the EvalPoints of `cell`; equal bits wherever and whenever it runs.
 
-    source: the knowledge that `cell.source` names. An exact source is computed where it is not given.
+    source: the knowledge that `cell.sources` name. An exact source is computed where it is not given.
     Raises InputError where a learned source is missing or does not fit the task.
     """
-    if cell.source is not None and source is None:
+    if cell.sources and source is None:
 
         def missing(cell_id: str) -> Knowledge:
             raise InputError(f"cell {cell.id} needs the knowledge of its source cell {cell_id}")

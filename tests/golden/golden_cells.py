@@ -85,8 +85,8 @@ def _tabular() -> Named:
     yield "confidence_gate/learned", Cell.create("confidence_gate", SMALL, 3, TABULAR | sure, grid)
     yield "confidence_gate/auto", Cell.create("confidence_gate", MORE, 0, TABULAR | {"threshold": "auto"}, exact())
     yield "ppr/learned", Cell.create("ppr", REVERSED, 1, TABULAR | {"nu": 0.8}, grid)
-    yield "delta_select/exact", Cell.create("delta_select", MORE, 0, TABULAR, exact(), [exact(SMALL), exact(REVERSED)])
-    yield "delta_select/learned", Cell.create("delta_select", REVERSED, 1, TABULAR, grid, [small, exact(MORE)])
+    yield "delta_select/exact", Cell.create("delta_select", MORE, 0, TABULAR, [exact(), exact(SMALL), exact(REVERSED)])
+    yield "delta_select/learned", Cell.create("delta_select", REVERSED, 1, TABULAR, [grid, small, exact(MORE)])
     yield "q_learning/supply chain", Cell.create("q_learning", f"{CHAIN}:demand_mean=5", 0, BRIEF)
     yield "delta_gate/supply chain", Cell.create("delta_gate", f"{CHAIN}:demand_mean=2", 0, BRIEF, exact(CHAIN))
     example = load(f"{EXAMPLE}:Agent")
@@ -111,7 +111,7 @@ def _deep() -> Named:
     yield "delta_es/ends", Cell.create("delta_es", HEAVY, 1, DEEP | {"delta_learning_rate": 0.01}, soon)
     yield "dpba/learned", Cell.create("dpba", HEAVY, 0, DEEP, best)
     yield "delta_dpba/learned", Cell.create("delta_dpba", HEAVY, 0, DEEP, best)
-    yield "delta_select_es/library", Cell.create("delta_select_es", HEAVY, 0, DEEP | {"memory": 5}, best, [other])
+    yield "delta_select_es/library", Cell.create("delta_select_es", HEAVY, 0, DEEP | {"memory": 5}, [best, other])
 
 
 def _other_tasks() -> Named:
@@ -133,7 +133,7 @@ def digests() -> Iterator[tuple[str, str]]:
     """Names with the digests of their curves, the sources trained on the way."""
     known: dict[str, Knowledge] = {}
     for name, cell in cells().items():
-        source = source_knowledge(cell, known.__getitem__) if cell.source else None
+        source = source_knowledge(cell, known.__getitem__) if cell.sources else None
         training = train(cell, source)
         yield name, curve.digest(curve.columns(training))
         known[cell.id] = training.knowledge()

@@ -74,7 +74,7 @@ def test_each_advised_cell_reports_delta_and_advice(swept: Results) -> None:
 
 
 def test_all_seeds_are_advised_by_the_best_source_with_their_own_seeds_steps(swept: Results) -> None:
-    sources = {cell.seed: cell.source for cell in swept.plan()["transfer"] if cell.agent == "es"}
+    sources = {cell.seed: cell.sources[0] for cell in swept.plan()["transfer"] if cell.agent == "es"}
     runs = {cell.seed: swept.record(cell.id) for cell in swept.plan()["source"]}
     assert len({source.cell_id for source in sources.values() if source}) == 1
     for seed, source in sources.items():

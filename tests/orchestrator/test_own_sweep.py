@@ -97,7 +97,7 @@ def test_results_of_own_code_are_read_the_same_where_it_is_not(
     assert (tally.ran, tally.failed) == (6, 0)
     before = groups(results.write_tables()[0])
     assert sum(group.against_base is not None for group in before) == 2
-    cell = next(cell for cell in results.plan()["transfer"] if cell.source)
+    cell = next(cell for cell in results.plan()["transfer"] if cell.sources)
     monkeypatch.setattr(files, "_LOADED", {})
     monkeypatch.setattr("trainables.agents.own_agent._AGENTS", {})
     again = Results(results.folder)

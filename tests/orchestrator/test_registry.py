@@ -226,7 +226,11 @@ def test_registering_again_changes_nothing(poles: Results, uri: str) -> None:
 
 def test_only_sources_that_a_transfer_has_used_are_registered(grid: Results) -> None:
     found = givers(grid)
-    used = {cell.source.cell_id for cell in grid.plan()["transfer"] if cell.source and cell.source.kind == "learned"}
+    used = {
+        cell.sources[0].cell_id
+        for cell in grid.plan()["transfer"]
+        if cell.sources and cell.sources[0].kind == "learned"
+    }
     assert {giver.cell.id for giver in found} == used
     assert len(found) == 2 < len(grid.plan()["source"])
 
@@ -293,7 +297,7 @@ def test_one_version_serves_every_seed_with_the_steps_of_its_own_source_run(pole
     records = [poles.record(cell.id) for cell in poles.plan()["source"]]
     steps = [record.points["step"][-1] for record in records if record]
     cells = planned(parse("poles", data), uri, f"models:/{MODEL}@best")
-    assert [(cell.source.cell_id, cell.source.checkpoint, cell.source.steps) for cell in cells if cell.source] == [
+    assert [(source.cell_id, source.checkpoint, source.steps) for cell in cells for source in cell.sources] == [
         (best.tags["cell_id"], "best", step) for step in steps
     ]
 
@@ -304,7 +308,7 @@ def test_a_file_of_a_library_serves_as_well(grid: Results) -> None:
     path = SourceLibrary(grid.storage).path(one.cell.id)
     cells = planned(grid.space(), uri, str(path))
     assert cells == planned(grid.space(), uri, f"models:/deltatune-windy_gridworld/{version}")
-    learned = {cell.source.cell_id for cell in cells if cell.source and cell.source.kind == "learned"}
+    learned = {source.cell_id for cell in cells for source in cell.sources if source.kind == "learned"}
     assert learned == {one.cell.id}
 
 

@@ -93,7 +93,7 @@ def test_an_unknown_sweep_is_refused_with_the_nearest(copy: Results) -> None:
 
 def test_the_library_keeps_what_a_source_cell_learned(copy: Results) -> None:
     library = SourceLibrary(copy.storage)
-    source = next(cell for cell in copy.plan()["transfer"] if cell.source and cell.source.kind == "learned").source
+    source = next(s for cell in copy.plan()["transfer"] for s in cell.sources if s.kind == "learned")
     assert source is not None
     assert source.cell_id is not None
     assert library.load(source.cell_id).q_table((400, 4)).min() < -1

@@ -230,6 +230,12 @@ def test_a_learned_source_names_its_cell_and_an_exact_one_does_not() -> None:
         _gate(source=Source(task="windy", kind="exact"))
 
 
+def test_a_library_without_a_source_beside_it_is_refused() -> None:
+    data = _gate().to_json() | {"agent": "delta_select", "hyperparameters": {}, "source": None}
+    with pytest.raises(InputError, match="a cell with a library needs a source"):
+        Cell.from_json(data | {"library": [EXACT.model_dump()]})
+
+
 def test_exact_sources_are_told_apart_by_task_and_gamma_and_learned_ones_by_their_cell() -> None:
     keys = {
         _gate(source=EXACT).source_key,

@@ -245,7 +245,7 @@ WAYS = [
     small_cell("delta_gate", threshold="auto"),
     small_cell("confidence_gate", min_visits=2),
     small_cell("delta_gate", CHAIN),
-    Cell.create("delta_select", REVERSED, 0, {"episodes": 30, "evaluate_every": 10}, LIBRARY[0], LIBRARY[1:]),
+    Cell.create("delta_select", REVERSED, 0, {"episodes": 30, "evaluate_every": 10}, LIBRARY),
 ]
 
 
@@ -253,7 +253,7 @@ WAYS = [
 @pytest.mark.parametrize("evaluations", [1, 2, 3])
 def test_a_cell_that_goes_on_from_a_checkpoint_has_equal_bits(cell: Cell, evaluations: int, tmp_path: Path) -> None:
     def source(cell: Cell) -> Knowledge | None:
-        return source_knowledge(cell, lambda cell_id: pytest.fail(cell_id)) if cell.source else None
+        return source_knowledge(cell, lambda cell_id: pytest.fail(cell_id)) if cell.sources else None
 
     whole = run_cell(cell, source, keep=True)
     asked = iter([False] * (evaluations - 1) + [True])

@@ -60,9 +60,10 @@ class DeepLearner:
         if isinstance(settings, DeltaShaping | DeltaPotentialAdvice):
             self._delta = new_network(settings, *shape, settings.delta_learning_rate, generator, beside=self._q)
         self._source = self._advice = None
-        if source is not None and cell.source is not None:
-            self._source = source_network(source, cell.source.checkpoint, settings, *shape, self._q)
-            steps = int(source.arrays["steps"]) if cell.source.steps is None else cell.source.steps
+        if source is not None and cell.sources:
+            named = cell.sources[0]
+            self._source = source_network(source, named.checkpoint, settings, *shape, self._q)
+            steps = int(source.arrays["steps"]) if named.steps is None else named.steps
             self._advice = Advice(self._source, self._delta, decay_constant(settings, steps))
         self._shapes_reward = isinstance(settings, PotentialAdvice)
 

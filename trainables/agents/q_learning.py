@@ -152,7 +152,7 @@ class TabularLearner(InPlace):
         self._model = model_of(cell.task)
         self._tables = _tables(cell.agent, self._dynamics, source)
         self._rule = _rule(cell.agent, settings, source is not None)
-        self._calibrated = cell.source is not None and getattr(settings, "threshold", None) == "auto"
+        self._calibrated = bool(cell.sources) and getattr(settings, "threshold", None) == "auto"
         if self._calibrated:
             self._rule = self._rule._replace(delta=calibrated(cell, self._tables.q_src, self._rule.delta))
         self._counts = Counts(*(np.zeros(1, np.int64) for _ in Counts._fields))

@@ -77,7 +77,6 @@ def noise_floor(
 
 def calibrated(cell: Cell, q_src: NDArray[np.float64], rule: DeltaRule) -> DeltaRule:
     """The rule with the noise floor of the cell's source over as many episodes as the cell has."""
-    assert cell.source is not None
     settings = cell.settings
-    floor = noise_floor(cell.source.task, q_src, rule, settings.gamma, settings.episodes, cell.seed)
+    floor = noise_floor(cell.sources[0].task, q_src, rule, settings.gamma, settings.episodes, cell.seed)
     return rule._replace(threshold=floor)

@@ -27,8 +27,7 @@ def _exact(task: str) -> Source:
 
 
 def _cell(target: str, sources: list[str], seed: int = 0, **values: object) -> Cell:
-    first, *others = map(_exact, sources)
-    return Cell.create("delta_select", target, seed, SHORT | values, first, others)
+    return Cell.create("delta_select", target, seed, SHORT | values, map(_exact, sources))
 
 
 # --- cells with a library ----------------------------------------------------------------------------------------
@@ -55,8 +54,10 @@ _KNOWN = {"q_learning": "6b4198bf52c96051", "delta_gate": "1f9213a6cfc7adfc"}
 
 
 def test_only_an_agent_that_chooses_takes_a_library_and_each_source_once() -> None:
-    with pytest.raises(InputError, match=r"delta_gate takes one source, not a library \(windy_gridworld:wind=small\)"):
-        Cell.create("delta_gate", WINDS[4], 0, None, _exact(WINDS[0]), [_exact(WINDS[1])])
+    with pytest.raises(
+        InputError, match=r"delta_gate takes one source \(got windy_gridworld, windy_gridworld:wind=small\)"
+    ):
+        Cell.create("delta_gate", WINDS[4], 0, None, [_exact(WINDS[0]), _exact(WINDS[1])])
     with pytest.raises(InputError, match="has a source twice"):
         _cell(WINDS[4], [WINDS[0], WINDS[1], "windy_gridworld"])
 
@@ -70,7 +71,7 @@ def test_knowledge_of_several_sources_comes_apart_as_it_was_joined(count: int) -
 
 def test_a_learned_source_of_the_library_is_asked_for_by_its_cell() -> None:
     learned = Source(task=WINDS[1], kind="learned", cell_id="0" * 16)
-    cell = Cell.create("delta_select", WINDS[4], 0, SHORT, _exact(WINDS[0]), [learned])
+    cell = Cell.create("delta_select", WINDS[4], 0, SHORT, [_exact(WINDS[0]), learned])
     asked: list[str] = []
     given = source_knowledge(cell, lambda name: (asked.append(name), Knowledge({"q": exact_q(WINDS[1], 0.99)}))[1])
     assert asked == ["0" * 16]
@@ -167,7 +168,7 @@ def _deep_cell(count: int = 2, **values: object) -> Cell:
     sources = [
         Source(task="cartpole", kind="learned", cell_id=f"{i}" * 16, checkpoint="best", steps=400) for i in range(count)
     ]
-    return Cell.create("delta_select_es", "cartpole:gravity=5x", 0, TINY | values, sources[0], sources[1:])
+    return Cell.create("delta_select_es", "cartpole:gravity=5x", 0, TINY | values, sources)
 
 
 def test_a_deep_cell_resumes_bit_for_bit_with_its_choice(networks, tmp_path) -> None:
