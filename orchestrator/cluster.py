@@ -20,8 +20,7 @@ from typing import Any
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-import orchestrator
-from orchestrator.provenance import write_staged
+from orchestrator.provenance import packages_folder, write_staged
 from orchestrator.settings import Resources
 from trainables.errors import InputError
 from trainables.storage import is_local, storage_path
@@ -80,7 +79,7 @@ def _join(address: str) -> None:
 
 def stage_code(folder: Path) -> Path:
     """Copy our packages to `folder`, with what they are a copy of, and nothing that lies beside them."""
-    root = Path(str(orchestrator.__file__)).resolve().parent.parent
+    root = packages_folder()
     for package in PACKAGES:
         shutil.copytree(root / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
     write_staged(folder)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rich.box
 from rich.table import Table
 from rich.text import Text
 
-from orchestrator.aggregates import Group
-from orchestrator.describe import COLUMNS, row, settings_text, shared
-from trainables.agents import Agent
-from trainables.tasks import TaskFamily, Value
+if TYPE_CHECKING:
+    from orchestrator.aggregates import Group
+    from trainables.agents import Agent
+    from trainables.tasks import TaskFamily, Value
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], title: str | None = None) -> Table:
@@ -48,6 +48,8 @@ def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | 
 
     tried: group id to the number of configurations that it is the best of.
     """
+    from orchestrator.describe import COLUMNS, row, settings_text, shared
+
     lines: list[tuple[str | Text, ...]] = []
     last, common = "", shared(groups)
     for group in sorted(groups, key=lambda group: group.task):

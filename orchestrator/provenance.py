@@ -53,20 +53,22 @@ def write_staged(folder: Path) -> None:
     (folder / STAGED_FILE).write_text(json.dumps(data))
 
 
-def _root() -> Path:
-    """Return the folder that holds the packages."""
+def packages_folder() -> Path:
+    """Return the folder in which the packages of deltatune lie side by side."""
     return Path(str(orchestrator.__file__)).resolve().parent.parent
 
 
 def _staged() -> dict[str, str]:
     """Return what `write_staged` has written beside this code; empty where it is no such copy."""
     try:
-        data: dict[str, str] = json.loads((_root() / STAGED_FILE).read_text())
+        data: dict[str, str] = json.loads((packages_folder() / STAGED_FILE).read_text())
     except (OSError, ValueError):
         return {}
     return data
 
 
 def _git(*words: str) -> str:
-    done = subprocess.run(["git", *words], cwd=_root(), capture_output=True, text=True, check=True, timeout=10)
+    done = subprocess.run(
+        ["git", *words], cwd=packages_folder(), capture_output=True, text=True, check=True, timeout=10
+    )
     return done.stdout.strip()

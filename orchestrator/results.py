@@ -15,21 +15,21 @@ import re
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from orchestrator import own_notes
 from orchestrator.files import absolute, make_folder
 from orchestrator.provenance import commit, versions
 from orchestrator.record import Head, Record
 from orchestrator.record_log import RecordLog
-from orchestrator.tables import read_table, table_stamp, write_points, write_table
 from search_spaces import SearchSpace, parse
 from trainables.atomic import write_atomic
 from trainables.cell import Cell
 from trainables.errors import InputError, unknown
 from trainables.storage import storage_path
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NAME = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")
 
@@ -144,6 +144,10 @@ class Results:
 
     def write_tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Draw the two tables up from the records, write them as Parquet, and return (cells, points)."""
+        import pandas as pd
+
+        from orchestrator.tables import read_table, write_points, write_table
+
         stamp = self._stamp()
         cells = pd.DataFrame([cell_row(stage, cell, head) for stage, cell, head in self.ended()])
         write_points(self.folder / POINTS, (record for _, _, record in self.records() if record), stamp)
@@ -152,6 +156,8 @@ class Results:
 
     def tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         """(cells, points) as last written; drawn up anew where a cell has ended since."""
+        from orchestrator.tables import read_table, table_stamp
+
         stamp = self._stamp()
         if all(table_stamp(self.folder / name) == stamp for name in (CELLS, POINTS)):
             return read_table(self.folder / CELLS), read_table(self.folder / POINTS)

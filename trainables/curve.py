@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-
-from trainables.evaluation import EvalPoint
+from dataclasses import dataclass, field
 
 Columns = Mapping[str, Sequence[float | int | None]]
 """One list per column, all of one length; None where a point lacks the value."""
@@ -15,6 +14,26 @@ FIELDS = ("episode", "step", "greedy_return", "discounted_return", "training_ret
 
 LAST_SHARE = 0.1
 """Share of the curve that asymptotic performance averages."""
+
+
+@dataclass(frozen=True)
+class EvalPoint:
+    """One greedy evaluation of a cell. Everything but `seconds` is equal, bit for bit, wherever the cell runs."""
+
+    episode: int
+    """Training episodes so far."""
+    step: int
+    """Training steps so far."""
+    greedy_return: float
+    """Undiscounted return of the greedy policy (see the agent for which policy that is)."""
+    discounted_return: float
+    """The same, discounted by gamma."""
+    training_return: float | None
+    """Mean undiscounted return of the training episodes since the last point; None before the first episode."""
+    statistics: Mapping[str, float]
+    """delta and gate statistics, by name; empty for an agent without a source."""
+    seconds: float = field(compare=False, default=0.0)
+    """Seconds since the cell started."""
 
 
 def columns(points: Iterable[EvalPoint]) -> dict[str, list[float | int | None]]:

@@ -2,34 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
+from trainables.curve import EvalPoint
 from trainables.jit import compiled
 from trainables.tasks.model import TransitionModel
 
-
-@dataclass(frozen=True)
-class EvalPoint:
-    """One greedy evaluation of a cell. Everything but `seconds` is equal, bit for bit, wherever the cell runs."""
-
-    episode: int
-    """Training episodes so far."""
-    step: int
-    """Training steps so far."""
-    greedy_return: float
-    """Undiscounted return of the greedy policy (see the agent for which policy that is)."""
-    discounted_return: float
-    """The same, discounted by gamma."""
-    training_return: float | None
-    """Mean undiscounted return of the training episodes since the last point; None before the first episode."""
-    statistics: Mapping[str, float]
-    """delta and gate statistics, by name; empty for an agent without a source."""
-    seconds: float = field(compare=False, default=0.0)
-    """Seconds since the cell started."""
+__all__ = ["EvalPoint", "expected_return"]
 
 
 @compiled
