@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 Numbers = tuple[float | None, ...]
@@ -82,7 +82,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Matrix:
-    """A table of transfer effects, coloured by their size."""
+    """A table of transfer ratios, coloured by verdict."""
 
     name: str
     title: str
@@ -91,35 +91,10 @@ class Matrix:
     """(source task, kind of source, agent) of each."""
     columns: tuple[str, ...]
     """Target tasks."""
-    values: tuple[Numbers, ...]
-    """Transfer ratio, (rows, columns); None: undefined or not there."""
     texts: tuple[tuple[str, ...], ...]
+    """Transfer ratio in words, (rows, columns)."""
     verdicts: tuple[tuple[str, ...], ...]
-    """helped, hurt or '' where nobody can tell."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One axis of parallel coordinates."""
-
-    name: str
-    values: tuple[float, ...]
-    """One per configuration."""
-    ticks: tuple[str, ...] = ()
-    """Names of the values 0, 1, ... where they are no plain numbers."""
-
-
-@dataclass(frozen=True)
-class Parallel:
-    """Parallel coordinates: a line per configuration across its hyperparameters to its AUC, the last axis."""
-
-    name: str
-    title: str
-    caption: str
-    alt: str
-    panels: tuple[tuple[str, str, tuple[Axis, ...]], ...] = field(default=())
-    """(target, agent, axes)."""
-    columns: int = 3
+    """helped, hurt, undecided, or '' where there is no comparison."""
 
 
 @dataclass(frozen=True)
@@ -132,4 +107,4 @@ class Absent:
     """One sentence."""
 
 
-Figure = Chart | Matrix | Parallel | Absent
+Figure = Chart | Matrix | Absent

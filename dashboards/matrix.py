@@ -5,9 +5,12 @@ from __future__ import annotations
 from dashboards.charts import Absent, Matrix
 from dashboards.words import SOURCES, in_order, minus, targets
 from orchestrator.aggregates import Group
+from orchestrator.describe import signed
 from orchestrator.findings import Findings
 
 NAME, TITLE = "matrix", "Transfer effect, source by target"
+
+MARKS = {"helped": "▲ ", "hurt": "▼ "}
 
 
 def chart(findings: Findings) -> Matrix | Absent:
@@ -30,9 +33,8 @@ def chart(findings: Findings) -> Matrix | Absent:
         caption,
         tuple(rows),
         tuple(columns),
-        tuple(tuple(_ratio(group) for group in line) for line in grid),
         tuple(tuple(_text(group) for group in line) for line in grid),
-        tuple(tuple(verdict(group) for group in line) for line in grid),
+        tuple(tuple((group.verdict or "") if group else "" for group in line) for line in grid),
     )
 
 
@@ -48,13 +50,5 @@ def _text(group: Group | None) -> str:
     if group is None:
         return "–"
     ratio = _ratio(group)
-    mark = {"helped": "▲ ", "hurt": "▼ ", "": ""}[verdict(group)]
-    return mark + ("undefined" if ratio is None else minus(f"{round(100 * ratio) + 0:+d} %"))
-
-
-def verdict(group: Group | None) -> str:
-    """Whether the interval of the difference in AUC says that transfer 'helped' or 'hurt'; '' where it does not."""
-    gap = group.against_base.difference if group and group.against_base else None
-    if gap is None or gap.low is None or gap.high is None or gap.low <= 0 <= gap.high:
-        return ""
-    return "helped" if gap.low > 0 else "hurt"
+    mark = MARKS.get(group.verdict or "", "")
+    return mark + ("undefined" if ratio is None else minus(f"{signed(100 * ratio)} %"))

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Sheet
 from matplotlib.patches import Rectangle
 
-from dashboards.charts import Absent, Band, Chart, Figure, Level, Matrix, Panel, Parallel, Series
+from dashboards.charts import Absent, Band, Chart, Figure, Level, Matrix, Panel, Series
 from dashboards.style import HELPED, HURT, MARKERS, look
 
 SETTINGS: dict[Any, Any] = {
@@ -38,12 +38,7 @@ def draw(figure: Figure, sweep: str, folder: Path) -> list[Path]:
     if isinstance(figure, Absent):
         return []
     matplotlib.rcParams.update(SETTINGS)
-    if isinstance(figure, Matrix):
-        sheet = _matrix(figure)
-    elif isinstance(figure, Parallel):
-        sheet = _parallel(figure)
-    else:
-        sheet = _chart(figure)
+    sheet = _matrix(figure) if isinstance(figure, Matrix) else _chart(figure)
     sheet.suptitle(_plain(f"{sweep}: {figure.title}"), fontsize=10)
     return _save(sheet, folder, figure.name)
 
@@ -188,26 +183,4 @@ def _matrix(matrix: Matrix) -> Sheet:
     axes.set_yticks(range(len(matrix.rows)), [_plain(f"{a}, {k}, from {s}") for s, k, a in matrix.rows], fontsize=7)
     axes.set_xlim(-0.5, len(matrix.columns) - 0.5)
     axes.set_ylim(len(matrix.rows) - 0.5, -0.5)
-    return sheet
-
-
-def _parallel(parallel: Parallel) -> Sheet:
-    panels = parallel.panels[:PANELS]
-    sheet, every = _grid(len(panels), 2, 5.0, 3.0)
-    for axes, (target, agent, lines) in zip(every, panels, strict=True):
-        spans = [(min(axis.values), max(axis.values)) for axis in lines]
-        scaled = [
-            [(value - low) / (high - low) if high > low else 0.5 for value in axis.values]
-            for axis, (low, high) in zip(lines, spans, strict=True)
-        ]
-        for one in zip(*scaled, strict=True):
-            axes.plot(range(len(lines)), one, color=look(agent).light, alpha=0.15 + 0.85 * one[-1], lw=1)
-        ends = [
-            [axis.ticks[round(v)] if axis.ticks else f"{v:.4g}" for v in s]
-            for axis, s in zip(lines, spans, strict=True)
-        ]
-        names = [f"{axis.name}\n{low} … {high}" for axis, (low, high) in zip(lines, ends, strict=True)]
-        axes.set_xticks(range(len(lines)), [_plain(name) for name in names], fontsize=7)
-        axes.set_yticks([])
-        axes.set_title(_plain(f"{target}: {agent}"), fontsize=9)
     return sheet

@@ -35,8 +35,7 @@ class Section:
 def figures(findings: Findings) -> list[Figure]:
     """Every figure, those too that the sweep has no data for."""
     charts = (matrix, curves, effect, gate, forest, sensitivity, advice)
-    drawn: list[Figure] = [module.chart(findings) for module in charts]
-    return [*drawn[:6], sensitivity.parallel(findings), drawn[6]]
+    return [module.chart(findings) for module in charts]
 
 
 def sections(findings: Findings, drawn: list[Figure]) -> list[Section]:
@@ -111,7 +110,7 @@ def _correlations(findings: Findings) -> tuple[Table | Figure, ...]:
 
 
 def _hyperparameters(findings: Findings, of: dict[str, Figure]) -> tuple[Table | Figure, ...]:
-    return of[sensitivity.NAME], of[sensitivity.PARALLEL], of[advice.NAME]
+    return of[sensitivity.NAME], of[advice.NAME]
 
 
 def _cells(findings: Findings) -> tuple[Table | Figure, ...]:

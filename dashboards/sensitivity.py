@@ -1,4 +1,4 @@
-"""What each hyperparameter does: AUC against every one that the sweep varied, and all of them at once."""
+"""What each hyperparameter does: AUC against every one that the sweep varied."""
 
 from __future__ import annotations
 
@@ -6,17 +6,12 @@ import json
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from dashboards.charts import Absent, Axis, Chart, Panel, Parallel, Series
-from dashboards.style import rank
-from dashboards.words import SOURCES, count, in_order, targets
+from dashboards.charts import Absent, Chart, Panel, Series
+from dashboards.words import SOURCES, in_order, targets
 from orchestrator.aggregates import Group
 from orchestrator.findings import Findings
 
 NAME, TITLE = "sensitivity", "Sensitivity to each hyperparameter"
-PARALLEL, PARALLEL_TITLE = "parallel", "All hyperparameters at once"
-
-LINES = 200
-"""Most configurations of one parallel-coordinates panel: the best ones."""
 
 NAMED = 8
 """Most values of a hyperparameter that stand evenly spaced under their names; more numbers are drawn to scale."""
@@ -105,41 +100,3 @@ def _text(value: Any) -> str:
     return (
         f"{value:g}" if isinstance(value, float) else str(value) if isinstance(value, int | str) else json.dumps(value)
     )
-
-
-def parallel(findings: Findings) -> Parallel | Absent:
-    """A panel per (task, agent) in which two hyperparameters or more were varied; learned and exact are an axis."""
-    merged: dict[tuple[str, str], list[Group]] = {}
-    for (task, agent, _), groups in members(findings).items():
-        merged.setdefault((task, agent), []).extend(groups)
-    panels = []
-    first = {target: place for place, target in enumerate(targets(findings))}
-    for (task, agent), groups in sorted(merged.items(), key=lambda item: (first.get(item[0][0], 99), rank(item[0][1]))):
-        names = varied_names(groups)
-        kinds = sorted({group.source for group in groups})
-        if len(names) + (len(kinds) > 1) > 1:
-            best = sorted(groups, key=_auc, reverse=True)[:LINES]
-            panels.append((task, agent, _axes(best, names, kinds)))
-    if not panels:
-        reason = "No agent was swept over two things at once, so there are no coordinates to set side by side."
-        return Absent(PARALLEL, PARALLEL_TITLE, reason)
-    caption = (
-        "A line per configuration, from its hyperparameters to its mean AUC on the last axis; the stronger, the better."
-    )
-    alt = f"Parallel coordinates in {count(len(panels), 'panel')}."
-    return Parallel(PARALLEL, PARALLEL_TITLE, caption, alt, tuple(panels))
-
-
-def _axes(groups: Sequence[Group], names: Sequence[str], kinds: Sequence[str]) -> tuple[Axis, ...]:
-    axes = [_axis(name, [_value(group, name) for group in groups]) for name in names]
-    if len(kinds) > 1:
-        axes.append(_axis("source", [group.source for group in groups]))
-    return (*axes, Axis("AUC", tuple(_auc(group) for group in groups)))
-
-
-def _axis(name: str, values: Sequence[Any]) -> Axis:
-    """Few values or words: evenly spaced and named; many numbers: to scale."""
-    different = sorted(set(values), key=_order)
-    if len(different) > NAMED and all(isinstance(value, int | float) for value in different):
-        return Axis(name, tuple(map(float, values)))
-    return Axis(name, tuple(float(different.index(value)) for value in values), tuple(map(_text, different)))

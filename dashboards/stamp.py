@@ -10,7 +10,6 @@ from datetime import UTC, datetime
 
 import yaml
 
-from dashboards.matrix import verdict
 from dashboards.words import SOURCES, count, label, listed, minus
 from orchestrator.aggregates import Group
 from orchestrator.describe import estimate_text, ratio_text
@@ -69,9 +68,9 @@ def _budget(findings: Findings, space: SearchSpace, hours: float) -> str:
 
 def summary(findings: Findings, winners: Sequence[Group]) -> Summary:
     """How often transfer helped, and what is best on each target."""
-    verdicts = Counter(verdict(group) for group in findings.best if group.against_base)
+    verdicts = Counter(group.verdict for group in findings.best)
     lines = tuple((group.task, group.agent, _sentence(group, findings.common)) for group in winners)
-    return Summary(verdicts["helped"], verdicts["hurt"], verdicts[""], lines)
+    return Summary(verdicts["helped"], verdicts["hurt"], verdicts["undecided"], lines)
 
 
 def _sentence(group: Group, hide: Collection[str]) -> str:

@@ -10,7 +10,6 @@ from typing import Any
 
 import pandas as pd
 
-from dashboards.matrix import verdict
 from dashboards.words import in_order, minus, settings
 from orchestrator.aggregates import Group
 from orchestrator.describe import estimate_text, ratio_text
@@ -68,7 +67,7 @@ def table_1(findings: Findings, groups: Sequence[Group], name: str, caption: str
 
 
 def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
-    against, mark = group.against_base, verdict(group)
+    against = group.against_base
     short = group.failed + group.missing + group.stopped
     seeds = f"{len(group.seeds)} of {len(group.seeds) + short}" if short else f"{len(group.seeds)}"
     auc = "–" if group.auc is None else f"{group.auc.value:.2f} ({group.auc_sd:.2f})"
@@ -80,7 +79,7 @@ def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
         Datum(settings(group, hide) or "–", settings(group, hide)),
         Datum(seeds, len(group.seeds)),
         Datum(minus(auc), group.auc.value if group.auc else None),
-        Datum(minus(ratio_text(ratio)) if ratio else "–", ratio.value if ratio else None, mark=mark),
+        Datum(minus(ratio_text(ratio)) if ratio else "–", ratio.value if ratio else None, mark=group.verdict or ""),
         Datum(minus(estimate_text(gap)) if gap else "–", gap.value if gap else None),
         Datum(_share(against.probability_of_improvement) if against else "–", _chance(group)),
     )

@@ -9,12 +9,8 @@ from __future__ import annotations
 import html
 from typing import Any
 
-from dashboards.charts import Axis, Band, Chart, Figure, Level, Numbers, Panel, Parallel, Series
+from dashboards.charts import Band, Chart, Figure, Level, Numbers, Panel, Series
 from dashboards.style import look, rank
-from dashboards.words import minus
-
-SHADES = 5
-"""Bands of AUC that parallel coordinates tell apart."""
 
 Spec = dict[str, Any]
 """What Plotly.newPlot takes, and for the page: target, title, height."""
@@ -24,8 +20,6 @@ def specs(figure: Figure) -> list[Spec]:
     """One spec per panel; none for a matrix, which the page shows as a table, and for an absent figure."""
     if isinstance(figure, Chart):
         return [_panel(panel) for panel in figure.panels]
-    if isinstance(figure, Parallel):
-        return [_parallel(*panel) for panel in figure.panels]
     return []
 
 
@@ -175,46 +169,3 @@ def _mark(level: Level, number: int) -> Spec:
         "yshift": -2,
     }
     return {"text": _text(level.label), "showarrow": False, "font": {"size": 11, "color": f"@{level.agent}"}, **place}
-
-
-def _parallel(target: str, agent: str, axes: tuple[Axis, ...]) -> Spec:
-    """Lines in SHADES bands of AUC; each axis is scaled to its own range."""
-    scaled = [_scaled(axis) for axis in axes]
-    score, places = scaled[-1], [float(place) for place in range(len(axes))]
-    data: list[Spec] = []
-    for shade in range(SHADES):
-        lines = [line for line in range(len(score)) if min(int(score[line] * SHADES), SHADES - 1) == shade]
-        y = [value for line in lines for value in (*(_rounded(tuple(one[line] for one in scaled))), None)]
-        style = {"color": f"@{agent}/{(shade + 1) / SHADES:g}", "width": 1.2 + 0.8 * shade / (SHADES - 1)}
-        data.append({"type": "scatter", "mode": "lines", "x": [*places, None] * len(lines), "y": y, "line": style})
-        data[-1] |= {"hoverinfo": "skip", "showlegend": False, "meta": agent}
-    marks = [mark for place, axis in enumerate(axes) for mark in _axis_marks(place, axis)]
-    ends = [
-        {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": {"color": "@muted", "width": 1}} for at in places
-    ]
-    hidden: Spec = {"showgrid": False, "showticklabels": False, "ticks": "", "showline": False, "fixedrange": True}
-    layout: Spec = {"xaxis": hidden | {"range": [-0.6, len(axes) - 0.9]}, "yaxis": hidden | {"range": [-0.08, 1.24]}}
-    title = f"{target}: {agent}"
-    alt = f"{title}. {len(score)} configurations over {', '.join(axis.name for axis in axes)}."
-    layout |= {"annotations": marks, "shapes": ends}
-    return {"title": title, "target": target, "height": 300, "data": data, "layout": layout, "alt": alt}
-
-
-def _scaled(axis: Axis) -> list[float]:
-    low, high = min(axis.values), max(axis.values)
-    return [(value - low) / (high - low) if high > low else 1.0 for value in axis.values]
-
-
-def _axis_marks(place: int, axis: Axis) -> list[Spec]:
-    """The axis's name over it, and its values to the left."""
-    name = _text(axis.name).replace("_", "_<br>")
-    marks: list[Spec] = [{"text": name, "x": place, "y": 1.04, "yanchor": "bottom", "showarrow": False}]
-    low, high = min(axis.values), max(axis.values)
-    ticks = (
-        list(enumerate(axis.ticks)) if axis.ticks else [(value, minus(f"{value:.4g}")) for value in sorted({low, high})]
-    )
-    for value, text in ticks:
-        y = (value - low) / (high - low) if high > low else 1.0
-        spec = {"text": _text(text), "x": place, "y": y, "xanchor": "right", "xshift": -5, "showarrow": False}
-        marks.append(spec | {"font": {"size": 11, "color": "@muted"}, "bgcolor": "@paper/0.8", "borderpad": 0})
-    return marks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,9 @@ from orchestrator.statistics import Estimate, TransferRatio
 from trainables.agents import agent_named
 
 Values = Mapping[str, Any]
+
+Verdict = Literal["helped", "hurt", "undecided"]
+"""What a comparison with the agent without transfer came to."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,14 @@ class Comparison:
     """Difference of the first evaluations."""
     asymptotic: Estimate
     """Difference of the asymptotic performances."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether transfer helped or hurt: the interval of the difference in AUC lies on one side of 0."""
+        low, high = self.difference.low, self.difference.high
+        if low is None or high is None or low <= 0 <= high:
+            return "undecided"
+        return "helped" if low > 0 else "hurt"
 
 
 @dataclass(frozen=True)
@@ -61,6 +72,11 @@ class Group:
     """max |delta| at the end, as the agent estimated it."""
     against_base: Comparison | None
     """None for an agent without transfer, and where the one without transfer is not in the sweep."""
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Its comparison's verdict; None where it is compared with nothing."""
+        return self.against_base.verdict if self.against_base else None
 
     @property
     def complete(self) -> bool:
@@ -141,13 +157,8 @@ NO_CURVE = pd.DataFrame({"episode": [], "mean": [], "low": [], "high": []})
 """The mean curve of a group without a done cell."""
 
 
-def mean_curve(points: pd.DataFrame, cells: pd.DataFrame, group: str, column: str = "greedy_return") -> pd.DataFrame:
-    """(episode, mean, low, high) over the done seeds of a group, with Student's t interval at each point."""
-    return curve_bands(points, cells, [group], [column])[group, column]
-
-
 def mean_curves(points: pd.DataFrame, cells: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """`mean_curve` of the greedy return of every group with a done cell, in one pass over the points."""
+    """`curve_bands` of the greedy return of every group with a done cell, by group."""
     names = cells.loc[cells["status"] == "done", "group"].unique()
     curves = curve_bands(points, cells, [str(name) for name in names], ["greedy_return"])
     return {group: curve for (group, _), curve in curves.items()}
@@ -156,7 +167,10 @@ def mean_curves(points: pd.DataFrame, cells: pd.DataFrame) -> dict[str, pd.DataF
 def curve_bands(
     points: pd.DataFrame, cells: pd.DataFrame, groups: Collection[str], columns: Collection[str]
 ) -> dict[tuple[str, str], pd.DataFrame]:
-    """`mean_curve` of every (group, column) at once; an empty table where a group's points lack the column."""
+    """(episode, mean, low, high) over the done seeds of each (group, column), with Student's t interval at each point.
+
+    All in one pass over the points; an empty table where a group's points lack the column.
+    """
     there = [column for column in columns if column in points]
     if not groups or not there:
         return {(group, column): NO_CURVE for group in groups for column in columns}

@@ -29,6 +29,10 @@ COLUMNS = (
 )
 
 
+NOTHING = 1e-9
+"""A difference up to this is shown as 0."""
+
+
 def varied(agent: str, task: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """The hyperparameters that are not at the agent's default for the task, and those that define the agent."""
     named = agent_named(agent)
@@ -95,8 +99,8 @@ def estimate_text(estimate: Estimate) -> str:
     """'+3.2 [1.0, 5.4]'."""
     ends = ""
     if estimate.low is not None and estimate.high is not None:
-        ends = f" [{_signed(estimate.low, 1)}, {_signed(estimate.high, 1)}]"
-    return _signed(estimate.value, 1) + ends
+        ends = f" [{signed(estimate.low, 1)}, {signed(estimate.high, 1)}]"
+    return signed(estimate.value, 1) + ends
 
 
 def ratio_text(ratio: TransferRatio) -> str:
@@ -105,13 +109,15 @@ def ratio_text(ratio: TransferRatio) -> str:
         return "undefined"
     ends = ""
     if ratio.low is not None and ratio.high is not None:
-        ends = f" [{_signed(ratio.low * 100)}, {_signed(ratio.high * 100)}]"
-    return f"{_signed(ratio.value * 100)}%{ends}"
+        ends = f" [{signed(ratio.low * 100)}, {signed(ratio.high * 100)}]"
+    return f"{signed(ratio.value * 100)}%{ends}"
 
 
-def _signed(value: float, digits: int = 0) -> str:
-    """A number with its sign; what rounds to 0 is +0."""
-    return f"{round(value, digits) + 0.0:+.{digits}f}"
+def signed(value: float, digits: int = 0) -> str:
+    """Return a number with its sign; one that rounds to 0 gets one digit more, so that -0.4 does not read as 0."""
+    if round(value, digits) == 0 and abs(value) > NOTHING:
+        digits += 1
+    return f"{value if abs(value) > NOTHING else 0.0:+.{digits}f}"
 
 
 def markdown(results: Results, groups: Sequence[Group]) -> str:

@@ -93,6 +93,11 @@ def model_name(task: str) -> str:
     return f"deltatune-{text}-{content_id(task)[:8]}"
 
 
+def logged_name(name: str) -> str:
+    """Return the name of the logged model behind a registered one: MLflow refuses a dot in it, and finds it by id."""
+    return name.replace(".", "-")
+
+
 def standing(tags: Mapping[str, str]) -> tuple[float, ...]:
     """What the best version of a task is chosen by: tabular, AUC; deep, the best greedy evaluation and then AUC."""
     score = float(tags["auc"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from orchestrator.aggregates import Group
-from orchestrator.describe import settings_text, varied
+from orchestrator.describe import settings_text, signed, varied
 from orchestrator.findings import Findings
 from orchestrator.paper import same_row
 from orchestrator.statistics import LEVEL
@@ -77,5 +77,5 @@ def _interval(value: float, low: float | None, high: float | None, digits: int, 
 
 
 def _number(value: float, digits: int) -> str:
-    """A number with LaTeX's minus; what rounds to 0 has none."""
-    return f"${round(value, digits) + 0.0:.{digits}f}$"
+    """Return a number with LaTeX's minus, and no plus, rounded as in the other tables."""
+    return f"${signed(value, digits).removeprefix('+')}$"

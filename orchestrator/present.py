@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from trainables.agents import Agent
     from trainables.tasks import TaskFamily, Value
 
+COLOURS = {"helped": "green", "hurt": "red"}
+"""A verdict's colour in a terminal."""
+
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], title: str | None = None) -> Table:
     """A plain table; the cells of the first column are never cut."""
@@ -56,17 +59,10 @@ def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | 
         cells: list[str | Text] = list(row(group, common))
         of = (tried or {}).get(group.id, 1)
         cells[3] += f" (best of {of})" if of > 1 else ""
-        cells[-2:] = [Text(str(cell), style=_colour(group)) for cell in cells[-2:]]
+        cells[-2:] = [Text(str(cell), style=COLOURS.get(group.verdict or "", "")) for cell in cells[-2:]]
         lines.append(("" if group.task == last else cells[0], *cells[1:]))
         last = group.task
     return table(COLUMNS, lines, title + (f"; all with {settings_text(common)}" if common else ""))
-
-
-def _colour(group: Group) -> str:
-    gap = group.against_base.difference if group.against_base else None
-    if gap is None or gap.low is None or gap.high is None or gap.low <= 0 <= gap.high:
-        return ""
-    return "green" if gap.low > 0 else "red"
 
 
 def task_data(family: TaskFamily) -> dict[str, Any]:

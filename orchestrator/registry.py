@@ -22,7 +22,7 @@ from mlflow.tracking import MlflowClient
 
 from orchestrator.describe import cell_name, settings_text, varied
 from orchestrator.errors import SweepError
-from orchestrator.givers import Giver, givers, model_name, read_steps, standing, steps_text
+from orchestrator.givers import Giver, givers, logged_name, model_name, read_steps, standing, steps_text
 from orchestrator.results import Results
 from orchestrator.store import shown
 from trainables.errors import InputError
@@ -121,7 +121,7 @@ def _write(client: MlflowClient, name: str, giver: Giver, parent: Run) -> ModelV
     condition = f"tags.cell_id = '{giver.cell.id}' and tags.`mlflow.parentRunId` = '{parent.info.run_id}'"
     runs = client.search_runs([experiment], condition, max_results=1)
     run = str((runs[0] if runs else parent).info.run_id)
-    logged = client.create_logged_model(experiment, name, run, tags, model_type="source")
+    logged = client.create_logged_model(experiment, logged_name(name), run, tags, model_type="source")
     with tempfile.TemporaryDirectory(prefix="deltatune-") as folder:
         client.log_model_artifacts(logged.model_id, str(_save(Path(folder), giver, logged.model_id, run)))
     client.finalize_logged_model(logged.model_id, "READY")

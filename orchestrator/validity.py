@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from orchestrator.aggregates import Group, groups
-from orchestrator.statistics import LEVEL, RESAMPLES, Estimate
+from orchestrator.statistics import Estimate, rank_correlation
 from trainables.delta import bisimulation
 from trainables.delta.bounds import bounds
 from trainables.delta.exact import exact_delta, exact_q, model_of, policy_q
@@ -94,35 +91,17 @@ def _row(group: Group, found: Measures, reuse: Group | None) -> dict[str, object
     return {"source": group.source_task, "target": group.task, "agent": configuration, "ratio": ratio, **found, **seen}
 
 
-def correlation(measure: Sequence[float], ratio: Sequence[float], seed: int = 0) -> Estimate:
-    """Spearman's rank correlation with a percentile bootstrap interval over task pairs.
-
-    low and high are None with fewer than five pairs; the value is 0 where either side is constant.
-    """
-    x, y = np.asarray(measure, np.float64), np.asarray(ratio, np.float64)
-    value = float(_spearman(x, y))
-    if len(x) < 5:
-        return Estimate(value, None, None)
-    draws = np.random.default_rng(seed).integers(0, len(x), (RESAMPLES, len(x)))
-    low, high = np.quantile(_spearman(x[draws], y[draws]), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return Estimate(value, float(low), float(high))
-
-
-def _spearman(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The correlation of ranks along the last axis; 0 where either side is constant."""
-    a, b = (stats.rankdata(side, axis=-1) - (side.shape[-1] + 1) / 2 for side in (x, y))
-    spread = np.sqrt((a**2).sum(axis=-1) * (b**2).sum(axis=-1))
-    result: NDArray[np.float64] = (a * b).sum(axis=-1) / np.where(spread > 0, spread, 1.0)
-    return result
-
-
 def correlations(pairs: pd.DataFrame) -> dict[tuple[str, str, str], Estimate]:
-    """(source task, agent, measure) to the correlation of nearness by that measure with the transfer ratio."""
+    """(source task, agent, measure) to the rank correlation of nearness by that measure with the transfer ratio.
+
+    Left out is a measure that is the same for all targets, and one with fewer than three of them.
+    """
     found = {}
     for (source, agent), rows in pairs.dropna(subset=["ratio"]).groupby(["source", "agent"], sort=False):
         for name in NAMES:
             values = rows[[name, "ratio"]].dropna() if name in rows else rows.iloc[:0]
-            if len(values):
-                sign = 1.0 if name in NEARNESS else -1.0
-                found[str(source), str(agent), name] = correlation(list(sign * values[name]), list(values["ratio"]))
+            sign = 1.0 if name in NEARNESS else -1.0
+            rho = rank_correlation(list(sign * values[name]), list(values["ratio"])) if len(values) else None
+            if rho is not None:
+                found[str(source), str(agent), name] = rho
     return found

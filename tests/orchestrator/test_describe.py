@@ -15,7 +15,8 @@ from trainables.cell import Cell
     ("ratio", "text"),
     [
         (TransferRatio(0.281, 0.24, 0.32), "+28% [+24, +32]"),
-        (TransferRatio(-0.001, -0.002, 0.001), "+0% [+0, +0]"),
+        (TransferRatio(-0.004, -0.02, 0.001), "-0.4% [-2, +0.1]"),
+        (TransferRatio(1.3e-12, 0.0, -1.3e-12), "+0% [+0, +0]"),
         (TransferRatio(-0.5, None, None), "-50%"),
         (TransferRatio(None, None, None, "the interval of the AUC without transfer touches 0"), "undefined"),
     ],
@@ -24,14 +25,16 @@ def test_a_ratio_in_words(ratio: TransferRatio, text: str) -> None:
     assert ratio_text(ratio) == text
 
 
-def test_a_difference_that_rounds_to_nothing_has_no_minus() -> None:
-    assert estimate_text(Estimate(-0.01, -0.02, 0.01)) == "+0.0 [+0.0, +0.0]"
+def test_a_difference_keeps_its_sign_unless_it_is_nothing() -> None:
+    assert estimate_text(Estimate(-0.01, -0.02, 0.01)) == "-0.01 [-0.02, +0.01]"
+    assert estimate_text(Estimate(-1e-12, -2e-12, 0.0)) == "+0.0 [+0.0, +0.0]"
     assert estimate_text(Estimate(-3.46, None, None)) == "-3.5"
 
 
 @given(st.floats(-1e6, 1e6))
 def test_a_number_in_words_is_the_number_rounded(value: float) -> None:
-    assert float(estimate_text(Estimate(value, None, None))) == round(value, 1)
+    shown = float(estimate_text(Estimate(value, None, None)))
+    assert shown == round(value, 1 if round(value, 1) else 2)
 
 
 def test_a_runs_name_has_no_character_that_mlflow_refuses() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import os
@@ -24,7 +25,7 @@ from orchestrator import given, registry, tracking
 from orchestrator.commands import report
 from orchestrator.describe import markdown
 from orchestrator.findings import find
-from orchestrator.givers import givers, model_name, standing
+from orchestrator.givers import givers, logged_name, model_name, standing
 from orchestrator.plan import source_pairs, transfer_pairs
 from orchestrator.registered_policy import q_values
 from orchestrator.results import Results
@@ -262,6 +263,21 @@ def test_names_of_different_tasks_differ_and_are_safe() -> None:
     assert all(set(name) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-") for name in names)
 
 
+def test_mlflow_accepts_the_name_of_every_task() -> None:
+    from mlflow.utils.validation import _validate_logged_model_name, _validate_model_name
+
+    from trainables.tasks import all_families
+
+    built_in = [target for family in all_families() for target in (family.name, *family.targets)]
+    tasks = ["acrobot:link_mass=1.5", "supply_chain:demand_mean=2.5", "gym:MountainCar-v0:gravity=0.00375"]
+    tasks += ["tank.py@0b7a1f88:Task", "tank.py@0b7a1f88:Task:speed=0.5"]
+    names = [model_name(task) for task in dict.fromkeys([*built_in, *tasks])]
+    assert len(set(names)) == len(names)
+    for name in names:
+        _validate_model_name(name)
+        _validate_logged_model_name(logged_name(name))
+
+
 def swept(folder: Path, space: SearchSpace, uri: str, *names: str) -> Results:
     """A sweep that is given its sources."""
     found = given.read(names, space, uri)
@@ -364,3 +380,15 @@ def test_a_registry_that_fails_costs_the_sweep_nothing(poles: Results, monkeypat
     tracker = Tracker(poles, tracking_uri(poles.storage, None))
     assert report._register(poles, tracker, "any") == []
     assert str(tracker.error) == "no registry here"
+
+
+def test_a_source_whose_task_has_a_dot_in_its_name_is_registered_and_fetched(
+    grid: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = givers(grid)[0]
+    dotted = dataclasses.replace(first, cell=Cell.create("q_learning", "supply_chain:demand_mean=2.5", 0))
+    monkeypatch.setattr(registry, "givers", lambda results: [dotted])
+    uri = tracking_uri(grid.storage, None)
+    parent = tracking.sync_now(find(grid), uri, [])
+    assert registry.register(grid, uri, parent) == ["models:/deltatune-supply_chain-demand_mean-2.5@best"]
+    assert registry.fetch("models:/deltatune-supply_chain-demand_mean-2.5@best", uri).data

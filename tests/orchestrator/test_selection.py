@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from orchestrator.aggregates import curve_bands, groups, mean_curve
+from orchestrator.aggregates import curve_bands, groups
 from orchestrator.describe import row
 from orchestrator.selection import select
 from trainables.cell import Cell, Source
@@ -136,7 +136,7 @@ def test_a_mean_curve_has_the_mean_and_a_band_at_each_point() -> None:
             "greedy_return": [0.0, 1.0, 2.0, 1.0],
         }
     )
-    curve = mean_curve(points, cells, cells["group"][0])
+    curve = curve_bands(points, cells, [cells["group"][0]], ["greedy_return"])[cells["group"][0], "greedy_return"]
     assert list(curve["mean"]) == [1.0, 1.0]
     assert curve["low"][0] < 1.0 < curve["high"][0]
     assert curve["low"][1] == curve["high"][1] == 1.0
@@ -154,7 +154,9 @@ def test_curves_of_many_groups_at_once_are_those_of_each() -> None:
     every = curve_bands(points, cells, names, columns)
     for name in names:
         for column in columns:
-            pd.testing.assert_frame_equal(every[name, column], mean_curve(points, cells, name, column))
+            pd.testing.assert_frame_equal(
+                every[name, column], curve_bands(points, cells, [name], [column])[name, column]
+            )
     assert list(every[names[0], "greedy_return"]["mean"]) == [0.5, 1.0]
     assert list(every[names[0], "max_abs_delta"]["episode"]) == [10]
     assert every[names[0], "kappa"].empty

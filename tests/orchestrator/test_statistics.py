@@ -87,6 +87,34 @@ def test_improvement_and_its_converse_sum_to_one(x: list[float], y: list[float])
     assert 0 <= forth.value <= 1
 
 
+def test_a_difference_of_rounding_is_no_win() -> None:
+    base, same = [-200.0] * 4, [-199.99999999974] * 4
+    chance = statistics.probability_of_improvement(same, base)
+    assert chance.value == 0.5
+    assert chance.low is not None
+    assert chance.high is not None
+    assert chance.low < 0.5 < chance.high
+    assert statistics.difference(same, base) == statistics.Estimate(0.0, 0.0, 0.0)
+    assert statistics.transfer_ratio(same, base) == statistics.TransferRatio(0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("seeds", "low"), [(2, 0.386), (5, 0.643), (20, 0.899)])
+def test_two_seeds_never_make_an_improvement_sure(seeds: int, low: float) -> None:
+    chance = statistics.probability_of_improvement([1.0] * seeds, [0.0] * seeds)
+    assert (chance.value, chance.low, chance.high) == (1.0, pytest.approx(low, abs=1e-3), 1.0)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.0, 2.0])
+def test_newcombes_interval_covers_the_probability_as_often_as_it_says(shift: float) -> None:
+    rng, truth, hits, runs = np.random.default_rng(0), stats.norm.cdf(shift / math.sqrt(2)), 0, 600
+    for _ in range(runs):
+        chance = statistics.probability_of_improvement(rng.normal(shift, 1, 5), rng.normal(0, 1, 5))
+        assert chance.low is not None
+        assert chance.high is not None
+        hits += chance.low <= truth <= chance.high
+    assert 0.92 < hits / runs < 0.99
+
+
 @given(samples)
 def test_the_interquartile_mean_lies_between_the_extremes(values: list[float]) -> None:
     estimate = statistics.iqm(values)
@@ -97,7 +125,7 @@ def test_the_same_seeds_give_the_same_bootstrap() -> None:
     assert statistics.iqm([1.0, 5.0, 2.0]) == statistics.iqm([1.0, 5.0, 2.0])
 
 
-@given(st.lists(st.tuples(numbers, numbers), min_size=3, max_size=9))
+@given(st.lists(st.tuples(numbers, numbers), min_size=5, max_size=9))
 def test_a_rank_correlation_is_spearmans_within_its_interval(pairs: list[tuple[float, float]]) -> None:
     x, y = [list(side) for side in zip(*pairs, strict=True)]
     estimate = statistics.rank_correlation(x, y)
@@ -113,6 +141,7 @@ def test_a_rank_correlation_is_spearmans_within_its_interval(pairs: list[tuple[f
 
 def test_two_targets_have_no_rank_correlation_and_a_clear_order_has_a_sure_one() -> None:
     assert statistics.rank_correlation([1.0, 2.0], [2.0, 1.0]) is None
+    assert statistics.rank_correlation([1.0, 2.0, 3.0], [2.0, 1.0, 0.0]) == statistics.Estimate(-1.0, None, None)
     clear = statistics.rank_correlation([1.0, 2.0, 3.0, 4.0, 5.0], [9.0, 7.0, 5.0, 3.0, 1.0])
     assert clear is not None
     assert (clear.value, clear.low, clear.high) == pytest.approx((-1.0, -1.0, -1.0))

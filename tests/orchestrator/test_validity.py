@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy import stats
 
 from dashboards import printed, validity
-from orchestrator.validity import NAMES, correlation, correlations, measures, table
+from orchestrator.validity import NAMES, correlations, measures, table
 from trainables.delta.bounds import bounds
 
 
@@ -25,17 +21,6 @@ def test_the_measures_are_those_of_the_bounds_and_of_following(monkeypatch) -> N
     assert (found["max_delta"], found["task_distance"]) == (both.max_abs_delta, both.task_distance)
     assert found["path_delta"] == pytest.approx(-100 - both.v_source, abs=1.0)  # it never arrives
     assert 0 < found["path_rms_delta"] < both.max_abs_delta  # type: ignore[operator]
-
-
-@settings(deadline=None, max_examples=5)
-@given(st.lists(st.tuples(st.integers(-3, 3), st.integers(-3, 3)), min_size=5, max_size=12))
-def test_the_correlation_is_spearmans_within_its_interval_and_turns_with_the_sign(pairs) -> None:
-    x, y = (np.array(side, float) for side in zip(*pairs, strict=True))
-    found, turned = correlation(list(x), list(y)), correlation(list(-x), list(y))
-    if x.std() and y.std():
-        assert found.value == pytest.approx(stats.spearmanr(x, y).statistic)
-    assert found.value == pytest.approx(-turned.value)
-    assert (found.low, found.high) == pytest.approx((-turned.high, -turned.low))  # type: ignore[operator]
 
 
 def test_a_sweep_gives_a_row_per_target_and_agent_and_a_figure(finished, tmp_path, monkeypatch) -> None:
