@@ -18,7 +18,7 @@ from typing import Any
 from trainables import curve
 from trainables.cell import Cell, Source
 from trainables.knowledge import Knowledge
-from trainables.training import train
+from trainables.training.train import train
 
 SE_FLOOR = 0.2
 """Least standard error of a difference: an anchor of one value for all seeds is still rounded, at worst to a unit."""

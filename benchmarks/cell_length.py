@@ -15,10 +15,10 @@ def episodes_of(seconds: float, space: Callable[[int], dict[str, Any]], folder: 
     """How many episodes make a cell of `space(episodes)` last `seconds`. Runs some on Ray, which warms its workers."""
     from rich.console import Console
 
-    from orchestrator.results import Results
-    from orchestrator.settings import Settings
-    from orchestrator.sweep import run
-    from search_spaces import parse
+    from orchestrator.execution.settings import Settings
+    from orchestrator.execution.sweep import run
+    from orchestrator.results.sweep_folder import Results
+    from search_spaces.loading import parse
 
     episodes = PILOT
     for number in range(2):  # a cell's fixed part makes the first answer a guess

@@ -11,8 +11,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from orchestrator.aggregates import Group, groups
-from orchestrator.results import Results
+from orchestrator.analysis.groups import Group, groups
+from orchestrator.results.sweep_folder import Results
 
 SHOWN = ("threshold", "nu")
 

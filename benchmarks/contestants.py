@@ -10,9 +10,10 @@ import gymnasium
 import numpy as np
 import torch
 
-from trainables.agents.dqn import DeepLearner
 from trainables.cell import Cell, Source
-from trainables.tasks import families, parse_task
+from trainables.learners.dqn import DeepLearner
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import families, parse_task
 
 EPSILON = 0.1
 """Constant exploration, the same for all, so that all act on their network as often."""
@@ -54,7 +55,7 @@ def stable_baselines(task: str) -> Contestant:
 
     model = DQN(
         "MlpPolicy",
-        parse_task(task).make(),
+        make_env(parse_task(task)),
         learning_rate=1e-4,
         buffer_size=10_000,
         learning_starts=batch,
@@ -95,7 +96,7 @@ def plain_torch(task: str) -> Contestant:
 class _PlainLoop:
     def __init__(self, task: str) -> None:
         size, self.batch, self.target_update = _sizes(task)
-        self.env: gymnasium.Env[Any, Any] = parse_task(task).make()
+        self.env: gymnasium.Env[Any, Any] = make_env(parse_task(task))
         space: Any = self.env.action_space
         self.actions, inputs = int(space.n), int(np.prod(self.env.observation_space.shape or ()))
         self.q, self.target = (

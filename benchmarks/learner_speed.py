@@ -18,9 +18,10 @@ import numpy as np
 import torch
 
 from benchmarks.contestants import Contestant, ours, plain_torch, stable_baselines
-from trainables.agents.qnetwork import QNetwork
-from trainables.tasks import families, parse_task
-from trainables.threads import one_thread
+from trainables.networks.numba_qnetwork import QNetwork
+from trainables.numerics.threads import one_thread
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import families, parse_task
 
 DEEP = [name for name, family in families().items() if "hidden_size" in family.defaults]
 TURNS = 5
@@ -55,7 +56,7 @@ def compare(task: str, seconds: float) -> dict[str, float | str]:
 
 def update_alone(task: str) -> dict[str, float]:
     """One update's time and arithmetic rate, beside the rate of the machine's own BLAS at a large product."""
-    defaults, env = families()[task].defaults, parse_task(task).make()
+    defaults, env = families()[task].defaults, make_env(parse_task(task))
     size, batch = int(defaults["hidden_size"]), int(defaults["batch_size"])
     inputs, actions = int(np.prod(env.observation_space.shape or ())), int(env.action_space.n)  # type: ignore[attr-defined]
     network = QNetwork((inputs, size, size, actions), batch, 1e-4, generator=torch.Generator().manual_seed(0))

@@ -9,10 +9,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from dashboards import printed, validity
-from orchestrator.results import Results
-from orchestrator.statistics import Estimate
-from orchestrator.validity import NAMES, correlations, table
+from dashboards.figures import metric_validity
+from dashboards.renderers import matplotlib_renderer
+from orchestrator.analysis.metric_validity import NAMES, correlations, table
+from orchestrator.analysis.statistics import Estimate
+from orchestrator.results.sweep_folder import Results
 
 
 def _text(found: Estimate | None) -> str:
@@ -39,7 +40,7 @@ def main() -> None:
         for name, words in NAMES.items():
             cells = [words.replace("|", r"\|"), *(_text(found.get((source, agent, name))) for agent in agents)]
             print("|" + "|".join(cells) + "|")
-    drawn = printed.draw(validity.chart(found), results.name, results.folder / "figures")
+    drawn = matplotlib_renderer.draw(metric_validity.chart(found), results.name, results.folder / "figures")
     pairs.to_csv(results.folder / "figures" / "pairs.csv", index=False)
     print(f"\n{', '.join(str(path) for path in drawn)}")
 

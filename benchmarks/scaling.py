@@ -44,19 +44,20 @@ def space(cells: int, episodes: int) -> dict[str, Any]:
 
 def measure(cells: int, length: float) -> dict[str, float]:
     """A sweep of cells `length` seconds long (0: one episode): seconds of each part; this process's peak MiB."""
-    from orchestrator.environment import prepare
+    from orchestrator.process_env import prepare
 
     prepare()
     from rich.console import Console
 
-    from orchestrator import tracking
-    from orchestrator.cluster import connected
-    from orchestrator.publish import publish
-    from orchestrator.results import Results
-    from orchestrator.settings import Resources, Settings
-    from orchestrator.status import sweep_status
-    from orchestrator.sweep import run
-    from search_spaces import parse
+    from deltatune.publish import publish
+    from orchestrator.cluster.connection import connected
+    from orchestrator.cluster.resources import Resources
+    from orchestrator.execution.settings import Settings
+    from orchestrator.execution.sweep import run
+    from orchestrator.results.status import sweep_status
+    from orchestrator.results.sweep_folder import Results
+    from orchestrator.tracking import mlflow_mirror
+    from search_spaces.loading import parse
 
     seconds: dict[str, float] = {}
 
@@ -75,7 +76,7 @@ def measure(cells: int, length: float) -> dict[str, float]:
         assert (tally.ran, tally.failed) == (cells, 0)
         timed("tables", results.write_tables)
         published = timed("publish", lambda: publish(results))
-        timed("mlflow", lambda: tracking.sync(published.findings, f"sqlite:///{folder}/mlflow.db", []))
+        timed("mlflow", lambda: mlflow_mirror.sync(published.findings, f"sqlite:///{folder}/mlflow.db", []))
         timed("status", lambda: sweep_status(Results.open(Path(folder), "scaling")))
         timed("again", lambda: run(Results.open(Path(folder), "scaling"), Settings(), Console(quiet=True)))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

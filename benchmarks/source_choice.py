@@ -16,22 +16,23 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator import statistics
-from orchestrator.provenance import commit, versions
-from orchestrator.record import Record
-from orchestrator.source_library import Entry, SourceLibrary
-from trainables.agents.greedy import greedy_returns
+from orchestrator.analysis import statistics
+from orchestrator.results.provenance import commit, versions
+from orchestrator.results.record import Record
+from orchestrator.sources.library import Entry, SourceLibrary
 from trainables.cell import Cell
-from trainables.cell_run import run_cell
 from trainables.delta.exact import exact_q, policy_q
-from trainables.delta.following import Follower
-from trainables.delta.rank import Bench, Ranking, rank
-from trainables.delta.rank_tabular import Player, TabularBench
 from trainables.evaluation import expected_return
 from trainables.knowledge import Knowledge
-from trainables.streams import stream
-from trainables.tasks import parse_task
-from trainables.threads import one_thread
+from trainables.learners.greedy_evaluation import greedy_returns
+from trainables.numerics.rng import stream
+from trainables.numerics.threads import one_thread
+from trainables.source_ranking.path_value import Follower
+from trainables.source_ranking.ranking import Bench, Ranking, rank
+from trainables.source_ranking.tabular import Player, TabularBench
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import parse_task
+from trainables.training.cell_run import run_cell
 
 GAMMA = 0.99
 SOURCES, DRAWS, EPISODES = 30, 20, 100
@@ -159,10 +160,9 @@ def _ranked(target: str, tasks: Sequence[str], tables: Sequence[np.ndarray], see
 
 def cartpole(library: SourceLibrary) -> None:
     """Each of 12 gravities as the target of the 11 others' networks."""
-    from orchestrator.ranking import rank_sources
-    from trainables.agents.environment import Environment
-    from trainables.agents.network import source_network
-    from trainables.fit import task_shape
+    from orchestrator.sources.ranking import rank_sources
+    from trainables.networks.network import source_network
+    from trainables.tasks.step_env import Environment, task_shape
 
     tasks = [parse_task(f"cartpole:gravity={gravity}").name for gravity in GRAVITIES]
     entries = {task: trained(library, "dqn", task) for task in tasks}
@@ -170,7 +170,7 @@ def cartpole(library: SourceLibrary) -> None:
         regrets, lines = Regrets(), []
         for target in tasks:
             others = sorted((entry for task, entry in entries.items() if task != target), key=lambda entry: entry.id)
-            envs = [Environment(parse_task(target).make()) for _ in range(JUDGED)]
+            envs = [Environment(make_env(parse_task(target))) for _ in range(JUDGED)]
             seeds = stream(0, "evaluation_env", target).integers(2**31, size=JUDGED).tolist()
             returns = []
             for entry in others:

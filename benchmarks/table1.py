@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from orchestrator.aggregates import Group, groups
-from orchestrator.describe import estimate_text, ratio_text, settings_text, varied
-from orchestrator.paper import table_1
-from orchestrator.results import Results
-from orchestrator.selection import select
+from orchestrator.analysis.groups import Group, groups
+from orchestrator.analysis.labels import settings_text, varied
+from orchestrator.analysis.paper_table1 import table_1
+from orchestrator.analysis.selection import select
+from orchestrator.analysis.summary_table import estimate_text, ratio_text
+from orchestrator.results.sweep_folder import Results
 
 
 def named(group: Group) -> dict[str, object]:

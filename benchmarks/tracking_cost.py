@@ -40,12 +40,12 @@ def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], No
     """Run the sweep: seconds of it, and of what MLflow takes after its end; runs and metrics there."""
     from rich.console import Console
 
-    from orchestrator.findings import find
-    from orchestrator.results import Results
-    from orchestrator.settings import Settings
-    from orchestrator.sweep import run
-    from orchestrator.tracker import Tracker
-    from search_spaces import parse
+    from orchestrator.analysis.findings import find
+    from orchestrator.execution.settings import Settings
+    from orchestrator.execution.sweep import run
+    from orchestrator.results.sweep_folder import Results
+    from orchestrator.tracking.tracker import Tracker
+    from search_spaces.loading import parse
 
     results = Results.create(folder, "cost", parse("cost", space(episodes)))
     tracker = Tracker(results, uri) if uri else None
@@ -81,8 +81,8 @@ def there(uri: str) -> dict[str, int]:
 
 def measure(seconds: float) -> Iterator[tuple[str, dict[str, Any]]]:
     """Each of them when it is done."""
-    from orchestrator.cluster import connected
-    from orchestrator.settings import Resources
+    from orchestrator.cluster.connection import connected
+    from orchestrator.cluster.resources import Resources
 
     with tempfile.TemporaryDirectory(prefix="deltatune-cost-") as name, connected(None, None, Resources()):
         folder = Path(name)
@@ -120,7 +120,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.5, help="of a cell")
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
-    from orchestrator.environment import prepare
+    from orchestrator.process_env import prepare
 
     prepare()
     found = list(measure(asked.seconds))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from search_spaces.files import parse
-from search_spaces.space import SearchSpace
-from trainables.agents import agent_named
+from search_spaces.loading import parse
+from search_spaces.search_space import SearchSpace
+from trainables.agents.registry import agent_named
 from trainables.errors import InputError, unknown
-from trainables.plugins.files import pin
+from trainables.plugins.loader import pin
 from trainables.plugins.names import by_file
-from trainables.tasks import families, parse_task
+from trainables.tasks.registry import families, parse_task
 
 
 def narrow(

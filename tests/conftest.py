@@ -10,7 +10,7 @@ import hypothesis
 import pandas as pd
 import pytest
 
-from orchestrator.environment import prepare
+from orchestrator.process_env import prepare
 
 prepare()
 hypothesis.settings.register_profile("deltatune", deadline=None)  # a busy machine is no failure
@@ -108,10 +108,10 @@ def calm_deep(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def _swept(storage: Path, cells: int, **changes: Any) -> Path:
     from rich.console import Console
 
-    from orchestrator.results import Results
-    from orchestrator.settings import Settings
-    from orchestrator.sweep import run
-    from search_spaces import parse
+    from orchestrator.execution.settings import Settings
+    from orchestrator.execution.sweep import run
+    from orchestrator.results.sweep_folder import Results
+    from search_spaces.loading import parse
 
     results = Results.create(storage, "small", parse("small", SPACE | changes))
     tally = run(results, Settings(), Console(quiet=True))

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import typer.main
 
-from orchestrator.cli import app
-from search_spaces import built_in
+from deltatune.cli.app import app
+from search_spaces.loading import built_in
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [
@@ -74,7 +74,9 @@ def test_the_readme_leads_to_every_document() -> None:
 def said() -> str:
     """Every piece of text in the packages' code, a line each."""
     files = [
-        path for package in ("trainables", "search_spaces", "orchestrator") for path in (ROOT / package).rglob("*.py")
+        path
+        for package in ("trainables", "search_spaces", "orchestrator", "deltatune")
+        for path in (ROOT / package).rglob("*.py")
     ]
     trees = [ast.parse(path.read_text()) for path in files]
     texts = [node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)]

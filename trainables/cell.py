@@ -10,10 +10,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from trainables.agents import Agent, agent_named
+from trainables.agents.agent import Agent
 from trainables.agents.hyperparameters import Hyperparameters
+from trainables.agents.registry import agent_named
 from trainables.errors import InputError, from_validation
-from trainables.tasks import parse_task
+from trainables.tasks.registry import parse_task
 
 SCHEMA = 1
 """Version of the cell's JSON and of what its result means: a change of the arithmetic raises it, and so every id."""

@@ -47,3 +47,7 @@ def from_validation(where: str, error: ValidationError) -> InputError:
         first["type"], first["msg"].replace("Input should", "must").replace("must be a valid", "must be a")
     )
     return InputError(f"{subject} {rule} (got {first['input']!r})")
+
+
+class TrainingError(RuntimeError):
+    """A cell that cannot go on, e.g. a return that is not a number. The text says where and why."""

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trainables.curve import EvalPoint
-from trainables.jit import compiled
-from trainables.tasks.model import TransitionModel
+from trainables.numerics.jit import compiled
+from trainables.tasks.spec.tabular_model import TransitionModel
 
 __all__ = ["EvalPoint", "expected_return"]
 

@@ -6,17 +6,17 @@ import inspect
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
-from trainables.agents import Agent
+from trainables.agents.agent import Agent
 from trainables.agents.hyperparameters import Hyperparameters
 from trainables.errors import InputError
-from trainables.plugins.files import pin
-from trainables.tasks.discretise import discretise, levels_feature
-from trainables.tasks.task import Context, ContextFeature, TaskFamily, number
+from trainables.plugins.loader import pin
+from trainables.tasks.spec.family import Context, ContextFeature, TaskFamily, number
+from trainables.tasks.wrappers.discretise import discretise, levels_feature
 
 if TYPE_CHECKING:
     import gymnasium
 
-    from trainables.tasks.model import TransitionModel
+    from trainables.tasks.spec.tabular_model import TransitionModel
 
 __all__ = ["agent", "feature", "load", "tabular_task", "task"]
 
@@ -88,12 +88,12 @@ def tabular_task(
 
     model: makes the transition model from the value of every feature, by keyword. For the rest see `task`.
     """
-    from trainables.tasks import sampled
+    from trainables.tasks.builtin import from_model
 
     _check(model, features, set())
 
     def exact(context: Context) -> TransitionModel:
-        return sampled.checked(model(**context))
+        return from_model.checked(model(**context))
 
     return TaskFamily(
         "own",
@@ -101,7 +101,7 @@ def tabular_task(
         features,
         defaults,
         targets,
-        dynamics=lambda context: sampled.dynamics(exact(context)),
+        dynamics=lambda context: from_model.dynamics(exact(context)),
         model=exact,
     )
 

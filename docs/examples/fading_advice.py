@@ -3,7 +3,7 @@
 import numpy as np
 
 from trainables.agents.hyperparameters import NonNegative, Transfer
-from trainables.agents.step_learner import StepLearner
+from trainables.learners.step_learner import StepLearner
 from trainables.own import agent
 
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from orchestrator.findings import Findings, find
-from orchestrator.results import Results
-from search_spaces import parse
+from orchestrator.analysis.findings import Findings, find
+from orchestrator.results.sweep_folder import Results
+from search_spaces.loading import parse
 from trainables.cell import Cell, Source
-from trainables.tasks import parse_task
+from trainables.tasks.registry import parse_task
 
 GRIDS: dict[str, list[dict[str, Any]]] = {
     "q_learning": [{}],

@@ -17,14 +17,14 @@ import yaml
 from conftest import CELLS, SPACE, timeless
 from mlflow.tracking import MlflowClient
 
-from orchestrator.results import Results
+from orchestrator.results.sweep_folder import Results
 
 ENOUGH = 6
 """Cells to wait for before the kill."""
 
 
 def command(space: Path, storage: Path) -> list[str]:
-    return [sys.executable, "-m", "orchestrator.cli", "sweep", str(space), "--storage", str(storage), "--json"]
+    return [sys.executable, "-m", "deltatune.cli.main", "sweep", str(space), "--storage", str(storage), "--json"]
 
 
 def test_a_killed_sweep_goes_on_with_its_missing_cells(tmp_path: Path) -> None:

@@ -15,12 +15,13 @@ from typing import Any
 import pytest
 from mlflow.tracking import MlflowClient
 
-from orchestrator import registry, tracking
-from orchestrator.findings import find
-from orchestrator.publish import artifacts, publish
-from orchestrator.results import Results
-from orchestrator.store import tracking_uri
-from orchestrator.views import VIEWS, View
+from deltatune.publish import artifacts, publish
+from orchestrator.analysis.findings import find
+from orchestrator.model_registry import mlflow_registry
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking import mlflow_mirror
+from orchestrator.tracking.mlflow_views import VIEWS, View
+from orchestrator.tracking.uri import tracking_uri
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium")
@@ -41,7 +42,7 @@ def sweep(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
     results = Results.open(storage, "small")
     publish(results)
     uri = tracking_uri(storage, None)
-    registry.register_now(results, uri, tracking.sync_now(find(results), uri, artifacts(results)))
+    mlflow_registry.register_now(results, uri, mlflow_mirror.sync_now(find(results), uri, artifacts(results)))
     return results
 
 
@@ -51,7 +52,7 @@ def server(sweep: Results) -> Iterator[str]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "orchestrator.cli", "ui", "--storage", str(sweep.storage), "--port", str(port)]
+    command = [sys.executable, "-m", "deltatune.cli.main", "ui", "--storage", str(sweep.storage), "--port", str(port)]
     address = f"http://127.0.0.1:{port}"
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:

@@ -19,11 +19,11 @@ import yaml
 from conftest import SPACE, timeless
 from rich.console import Console
 
-from orchestrator.results import Results
-from orchestrator.settings import Settings, Tally
-from orchestrator.sweep import run
-from orchestrator.work_queue import Pack, WorkQueue
-from search_spaces import parse
+from orchestrator.execution.settings import Settings, Tally
+from orchestrator.execution.sweep import run
+from orchestrator.execution.work_queue import Pack, WorkQueue
+from orchestrator.results.sweep_folder import Results
+from search_spaces.loading import parse
 
 PATIENCE = 240.0
 """Seconds that a test waits for something to happen on a busy machine."""
@@ -67,7 +67,7 @@ def on_start(monkeypatch: pytest.MonkeyPatch, harm: Callable[[Pack, int], None])
 def driver(
     folder: Path,
     *words: str,
-    python: tuple[str, ...] = ("-m", "orchestrator.cli"),
+    python: tuple[str, ...] = ("-m", "deltatune.cli.main"),
     env: Mapping[str, str] | None = None,
     **changes: Any,
 ) -> Iterator[subprocess.Popen[str]]:

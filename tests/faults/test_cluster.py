@@ -19,9 +19,9 @@ import yaml
 from conftest import LONGER
 from harness import PATIENCE, assert_same, driver, ended, space, sweep, wait_for
 
-from orchestrator import jobs
-from orchestrator.lock import driver as driver_of
-from orchestrator.results import Results
+from orchestrator.cluster import jobs
+from orchestrator.results.lock import driver as driver_of
+from orchestrator.results.sweep_folder import Results
 
 pytest.importorskip("ray.dashboard.optional_deps", reason="needs ray[default]")
 pytest.importorskip("aiohttp_cors", reason="needs ray[default]")
@@ -108,7 +108,7 @@ def submit(cluster: Cluster, file: Path, storage: Path, **changes: Any) -> subpr
     """`deltatune submit` of the space that is written to `file`."""
     file.write_text(yaml.safe_dump(space(**changes), sort_keys=False))
     words = ["submit", str(file), "--address", cluster.jobs, "--storage", str(storage), "--no-mlflow"]
-    command = [sys.executable, "-m", "orchestrator.cli", *words]
+    command = [sys.executable, "-m", "deltatune.cli.main", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=TOKEN)
 
 
@@ -138,7 +138,7 @@ def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
 
     gone = tmp_path / "gone"
     gone.mkdir()
-    code = "from orchestrator import cluster; cluster.HEAD_PATIENCE = 3.0; from orchestrator.cli import main; main()"
+    code = "from orchestrator import cluster; cluster.HEAD_PATIENCE = 3.0; from deltatune.cli.main import main; main()"
     with driver(gone, *words, python=("-c", code), env=TOKEN, **LONGER) as process:
         wait_for(ended(gone, 3), process)
         cluster.remove(cluster.head)
@@ -159,7 +159,7 @@ def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: P
     wait_for(ended(tmp_path, 5))
     assert "process " in str(driver_of(tmp_path / "small"))
     cluster.remove(cluster.nodes.pop())
-    watch = [sys.executable, "-m", "orchestrator.cli", "watch", "small", "--storage", str(tmp_path)]
+    watch = [sys.executable, "-m", "deltatune.cli.main", "watch", "small", "--storage", str(tmp_path)]
     said = subprocess.run(watch, capture_output=True, text=True, timeout=PATIENCE)
     assert said.returncode == 0, said.stderr
     assert said.stdout.strip().endswith("small: 32 cells done, 0 failed")
@@ -170,7 +170,7 @@ def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: P
 
 
 def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> None:
-    from search_spaces import load
+    from search_spaces.loading import load
 
     class Head:
         """Notes what it is sent."""
@@ -186,7 +186,7 @@ def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> N
     assert jobs.submit(head, load("demo"), ["--params", str(tmp_path / "best.yaml"), "--seeds", "2"], "n") == "job"
     assert "sweep space.yaml --params best.yaml --seeds 2 --address auto" in head.entrypoint
     assert head.space == load("demo")
-    assert {"trainables", "search_spaces", "orchestrator", "dashboards", "best.yaml"} <= set(head.files)
+    assert {"trainables", "search_spaces", "orchestrator", "dashboards", "deltatune", "best.yaml"} <= set(head.files)
     assert not any(path.exists() for path in head.files.values()), "what was sent is cleaned up"
 
 

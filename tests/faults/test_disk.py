@@ -12,10 +12,10 @@ import pytest
 from conftest import CELLS, record_lines, set_record_lines
 from harness import assert_same, sweep
 
-from orchestrator import record_log
 from orchestrator.errors import SweepError
-from orchestrator.results import Results
-from orchestrator.source_library import SourceLibrary
+from orchestrator.results import record_log
+from orchestrator.results.sweep_folder import Results
+from orchestrator.sources.library import SourceLibrary
 from trainables.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("ray_session")

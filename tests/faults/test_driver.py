@@ -10,8 +10,8 @@ import pytest
 from conftest import DEEP, LONGER
 from harness import assert_same, driver, ended, sweep, wait_for
 
-from orchestrator.results import Results
-from trainables import checkpoint
+from orchestrator.results.sweep_folder import Results
+from trainables.storage import checkpoint
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
@@ -50,7 +50,7 @@ def log(storage: Path) -> str:
 
 
 def running(storage: Path) -> bool:
-    from orchestrator.progress import read
+    from orchestrator.results.progress import read
 
     snapshot = read(storage / "small")
     return snapshot is not None and snapshot.share > 0

@@ -18,11 +18,11 @@ from harness import PATIENCE, assert_same, driver
 from mlflow.tracking import MlflowClient
 
 from benchmarks.tracking_server import TrackingServer
-from orchestrator import tracker, tracking
-from orchestrator.findings import find
-from orchestrator.record import Record
-from orchestrator.results import Results
-from orchestrator.tracker import Tracker
+from orchestrator.analysis.findings import find
+from orchestrator.results.record import Record
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking import mlflow_mirror, tracker
+from orchestrator.tracking.tracker import Tracker
 from trainables.cell import content_id
 
 
@@ -61,9 +61,9 @@ def tracked(storage: Path, uri: str, harm: Callable[[int], None] = lambda cells:
     from conftest import SPACE
     from rich.console import Console
 
-    from orchestrator.settings import Settings
-    from orchestrator.sweep import run
-    from search_spaces import parse
+    from orchestrator.execution.settings import Settings
+    from orchestrator.execution.sweep import run
+    from search_spaces.loading import parse
 
     results = Results.create(storage, "small", parse("small", SPACE))
     follower = Tracker(results, uri)
@@ -103,7 +103,7 @@ def test_a_server_that_is_gone_for_the_rest_of_the_sweep_is_made_good_for_by_syn
     assert follower.error is not None
     server.start()
     for _ in range(2):
-        tracking.sync(find(results), server.uri, [])
+        mlflow_mirror.sync(find(results), server.uri, [])
         assert kinds(server, results) == ALL
 
 

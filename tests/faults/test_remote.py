@@ -16,11 +16,11 @@ import yaml
 from conftest import DEEP, timeless
 from harness import PATIENCE, points, space, wait_for
 
-from orchestrator import lock
-from orchestrator.results import Results
-from orchestrator.store import tracking_uri
+from orchestrator.results import lock
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking.uri import tracking_uri
 from trainables.errors import InputError
-from trainables.storage import storage_path
+from trainables.storage.paths import storage_path
 
 moto_server = pytest.importorskip("moto.server")
 pytest.importorskip("s3fs")
@@ -47,7 +47,7 @@ def bucket() -> Iterator[str]:
 def command(folder: Path, storage: str) -> list[str]:
     (folder / "space.yaml").write_text(yaml.safe_dump(space(**DEEP), sort_keys=False))
     words = ["sweep", str(folder / "space.yaml"), "--storage", storage, "--no-mlflow", "--checkpoint-every", "0"]
-    return [sys.executable, "-m", "orchestrator.cli", *words]
+    return [sys.executable, "-m", "deltatune.cli.main", *words]
 
 
 def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
@@ -69,7 +69,7 @@ def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
     names = {path.name for path in (storage / "small").iterdir()}
     assert {"plan.json", "points.parquet", "table.csv", "report.html", "figures", "best.yaml", "driver.log"} <= names
     assert not list((storage / "small" / "checkpoints").glob("*.checkpoint"))
-    status = [sys.executable, "-m", "orchestrator.cli", "status", "small", "--storage", bucket, "--json"]
+    status = [sys.executable, "-m", "deltatune.cli.main", "status", "small", "--storage", bucket, "--json"]
     told = json.loads(subprocess.run(status, capture_output=True, check=True, text=True).stdout)
     assert told["stages"]["transfer"]["missing"] == 0
 

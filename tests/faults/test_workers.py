@@ -10,10 +10,10 @@ import pytest
 from conftest import CELLS
 from harness import assert_same, driver, on_start, sweep
 
-from orchestrator import work_queue
-from orchestrator.results import Results
-from orchestrator.settings import Settings
-from orchestrator.work_queue import Pack
+from orchestrator.execution import work_queue
+from orchestrator.execution.settings import Settings
+from orchestrator.execution.work_queue import Pack
+from orchestrator.results.sweep_folder import Results
 from trainables.cell import Cell
 
 pytestmark = pytest.mark.usefixtures("ray_session")

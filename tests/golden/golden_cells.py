@@ -15,7 +15,7 @@ from trainables import curve
 from trainables.cell import Cell, Source
 from trainables.knowledge import Knowledge
 from trainables.own import load
-from trainables.training import source_knowledge, train
+from trainables.training.train import source_knowledge, train
 
 HERE = Path(__file__).parent
 FILE = HERE / "golden.json"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import golden_cells
 import pytest
 
-from trainables.agents import AGENTS
+from trainables.agents.registry import AGENTS
 from trainables.cell import Cell
-from trainables.tasks import families
+from trainables.tasks.registry import families
 
 RECORDED = golden_cells.recorded()
 CELLS = golden_cells.cells()

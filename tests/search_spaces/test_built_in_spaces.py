@@ -7,8 +7,12 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from orchestrator.plan import Pair, SourceChoice, SourceRun, library_pairs, source_pairs, transfer_pairs
-from search_spaces import Grid, SearchSpace, built_in, load, parse
+from orchestrator.planning.arms import Pair
+from orchestrator.planning.plan import library_pairs, source_pairs, transfer_pairs
+from orchestrator.planning.source_choice import SourceChoice, SourceRun
+from search_spaces.domains import Grid
+from search_spaces.loading import built_in, load, parse
+from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 
 

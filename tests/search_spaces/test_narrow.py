@@ -5,8 +5,12 @@ from __future__ import annotations
 import pytest
 from small_space import SMALL
 
-from orchestrator.plan import SourceChoice, SourceRun, source_pairs, transfer_pairs
-from search_spaces import Grid, SearchSpace, load, narrow, parse
+from orchestrator.planning.plan import source_pairs, transfer_pairs
+from orchestrator.planning.source_choice import SourceChoice, SourceRun
+from search_spaces import narrow
+from search_spaces.domains import Grid
+from search_spaces.loading import load, parse
+from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError
 
 SMALL_WIND, REVERSED = "windy_gridworld:wind=small", "windy_gridworld:wind=reversed"

@@ -9,8 +9,8 @@ from typing import Any
 import jsonschema
 import pytest
 
-from search_spaces import built_in, parse, read_yaml
-from search_spaces.schema import json_schema
+from search_spaces.json_schema import json_schema
+from search_spaces.loading import built_in, parse, read_yaml
 from trainables.errors import InputError
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "search-space.schema.json"

@@ -16,15 +16,14 @@ from unittest import mock
 
 import numpy as np
 from scipy.sparse import csr_array
-from small_cells import AGENTS, digest_of, small_cell
 
-from trainables.agents import q_learning
+from tests.trainables.small_cells import AGENTS, digest_of, small_cell
 from trainables.cell import Cell
-from trainables.delta.exact import model_of
 from trainables.knowledge import Knowledge
-from trainables.tasks import parse_task
-from trainables.tasks.model import TransitionModel
-from trainables.training import train
+from trainables.learners import q_learning
+from trainables.tasks.registry import model_of, parse_task
+from trainables.tasks.spec.tabular_model import TransitionModel
+from trainables.training.train import train
 
 CHAIN = "supply_chain:demand_mean=5"
 GRIDWORLD = "windy_gridworld:wind=additional_1"

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trainables import curve
-from trainables.agents import agent_named
+from trainables.agents.registry import agent_named
 from trainables.cell import Cell, Source
-from trainables.delta.exact import model_of
-from trainables.evaluation import EvalPoint, expected_return
+from trainables.curve import EvalPoint
+from trainables.evaluation import expected_return
 from trainables.knowledge import Knowledge
-from trainables.tasks import parse_task
-from trainables.training import train
+from trainables.tasks.registry import model_of, parse_task
+from trainables.training.train import train
 
 AGENTS = ("q_learning", "policy_reuse", "ppr", "delta_gate", "confidence_gate", "q_warm_start")
 GATED = ("delta_gate", "confidence_gate")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trainables import curve
-from trainables.evaluation import EvalPoint
+from trainables.curve import EvalPoint
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 POINTS = [

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from trainables.delta.exact import exact_q, model_of
-from trainables.evaluation import EvalPoint, expected_return
-from trainables.tasks import parse_task
-from trainables.tasks.model import TransitionModel
+from trainables.curve import EvalPoint
+from trainables.delta.exact import exact_q
+from trainables.evaluation import expected_return
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import model_of, parse_task
+from trainables.tasks.spec.tabular_model import TransitionModel
 
 
 def test_two_states_by_hand() -> None:
@@ -25,7 +27,7 @@ def test_two_states_by_hand() -> None:
 @pytest.mark.parametrize("task", ["windy_gridworld:wind=small", "supply_chain:demand_mean=5"])
 def test_the_exact_return_is_the_mean_of_sampled_episodes(task: str) -> None:
     policy = exact_q(task.partition(":")[0], 0.99).argmax(axis=1)
-    env, returns = parse_task(task).make(), []
+    env, returns = make_env(parse_task(task)), []
     for episode in range(150):
         state, total, done = env.reset(seed=episode)[0], 0.0, False
         while not done:

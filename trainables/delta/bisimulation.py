@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.delta.exact import model_of
 from trainables.errors import InputError
-from trainables.jit import compiled
-from trainables.tasks.model import TransitionModel
+from trainables.numerics.jit import compiled
+from trainables.tasks.registry import model_of
+from trainables.tasks.spec.tabular_model import TransitionModel
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

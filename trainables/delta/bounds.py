@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trainables.delta.exact import exact_delta, exact_q, model_of, policy_q
+from trainables.delta.exact import exact_delta, exact_q, policy_q
 from trainables.errors import InputError
-from trainables.tasks import parse_task
+from trainables.tasks.registry import model_of, parse_task
 
 ROUNDING = 1e-9
 """What an inequality may be off by: the values are exact to about 1e-11."""

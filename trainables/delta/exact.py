@@ -11,19 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from trainables.tasks import parse_task
-from trainables.tasks.model import TransitionModel
+from trainables.tasks.registry import model_of
+from trainables.tasks.spec.tabular_model import TransitionModel
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-14
 """Largest Bellman residual at the end, relative to the largest value."""
-
-
-@functools.lru_cache(maxsize=4)
-def model_of(task: str) -> TransitionModel:
-    """The transition model of the task called `task`, kept for the next caller."""
-    return parse_task(task).model()
 
 
 def _evaluate(model: TransitionModel, policy: NDArray[np.int64], gamma: float, values: Array, sweeps: int) -> Array:

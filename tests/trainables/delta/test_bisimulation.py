@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from trainables.delta.bisimulation import distances
 from trainables.delta.exact import value_iteration
 from trainables.errors import InputError
-from trainables.tasks.model import TransitionModel
+from trainables.tasks.spec.tabular_model import TransitionModel
 
 GAMMA = 0.5
 

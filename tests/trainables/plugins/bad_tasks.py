@@ -5,7 +5,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, MultiDiscrete, Sequence
 
 from trainables.agents.hyperparameters import QLearning
-from trainables.agents.step_learner import StepLearner
+from trainables.learners.step_learner import StepLearner
 from trainables.own import agent, feature, task
 
 

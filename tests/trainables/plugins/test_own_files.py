@@ -10,13 +10,14 @@ from pathlib import Path
 import pytest
 
 from trainables.cell import Cell
-from trainables.cell_run import run_cell
-from trainables.check import rollout
 from trainables.errors import InputError
 from trainables.own import load
-from trainables.plugins import files
-from trainables.tasks import parse_task
-from trainables.training import train
+from trainables.plugins import loader
+from trainables.tasks.env_checker import rollout
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import parse_task
+from trainables.training.cell_run import run_cell
+from trainables.training.train import train
 
 ROOT = Path(__file__).parents[3]
 TANK = ROOT / "docs" / "examples" / "tank.py"
@@ -33,8 +34,8 @@ def tank(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_canonical_name_holds_the_files_name_and_the_hash_of_its_content(tank: Path) -> None:
     name = load("tank.py:Task:pump=2x,leak=0.05")
-    assert name.startswith(f"tank.py@{files.pin_of(tank.read_bytes())}:Task")
-    assert parse_task(name).name == f"tank.py@{files.pin_of(tank.read_bytes())}:Task:pump=0.2"
+    assert name.startswith(f"tank.py@{loader.pin_of(tank.read_bytes())}:Task")
+    assert parse_task(name).name == f"tank.py@{loader.pin_of(tank.read_bytes())}:Task:pump=0.2"
     assert load(f"{tank}:Task") == load("./tank.py:Task") == load("tank.py:Task")
 
 
@@ -54,7 +55,7 @@ def test_cells_of_built_in_tasks_keep_their_ids() -> None:
 def test_reading_a_cell_never_runs_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("trap.py").write_text("from pathlib import Path\nPath('sprung').touch()\n")
-    pin = files.pin_of(Path("trap.py").read_bytes())
+    pin = loader.pin_of(Path("trap.py").read_bytes())
     raw = {"schema": 1, "agent": "dqn", "task": f"trap.py@{pin}:Task", "seed": 0, "hyperparameters": {}, "source": None}
     cell = Cell.from_json(raw)
     assert cell.task == f"trap.py@{pin}:Task"
@@ -93,10 +94,10 @@ def test_a_worker_gets_the_file_and_computes_the_same_bits(tank: Path) -> None:
     cell = Cell.create("dqn", load("tank.py:Task:leak=2x"), 0, SMALL)
     here = run_cell(cell, lambda cell: None)
     key = cell.task.rpartition(":Task")[0]
-    packed = {key: files.packed()[key].decode()}
+    packed = {key: loader.packed()[key].decode()}
     code = (
         "import json, sys; from trainables.plugins import files; from trainables.cell import Cell\n"
-        "from trainables.cell_run import run_cell\n"
+        "from trainables.training.cell_run import run_cell\n"
         "data = json.load(sys.stdin); files.install({k: v.encode() for k, v in data['files'].items()})\n"
         "print(run_cell(Cell.from_json(data['cell']), lambda cell: None)['digest'])"
     )
@@ -109,13 +110,13 @@ def test_a_worker_gets_the_file_and_computes_the_same_bits(tank: Path) -> None:
 
 def test_a_file_that_was_altered_on_its_way_is_refused() -> None:
     with pytest.raises(InputError, match=r"x\.py@00000000 arrived with another content"):
-        files.install({"x.py@00000000": b"print('never')"})
+        loader.install({"x.py@00000000": b"print('never')"})
 
 
 def test_a_file_that_does_not_run_on_a_worker_fails_its_own_cells_alone() -> None:
     source = b"import only_on_the_driver\n"
-    key = f"needy.py@{files.pin_of(source)}"
-    files.install({key: source})
+    key = f"needy.py@{loader.pin_of(source)}"
+    loader.install({key: source})
     outcome = run_cell(Cell.create("dqn", f"{key}:Task", 0, SMALL), lambda cell: None)
     assert "cannot be loaded here (needy.py:1: ModuleNotFoundError: No module named 'only_on_the_driver')" in str(
         outcome["error"]
@@ -130,7 +131,7 @@ def test_two_files_of_one_name_live_side_by_side(tank: Path) -> None:
     tank.write_text(TANK.read_text().replace("level - 0.5", "level - 0.7"))
     second = parse_task(load("tank.py:Task"))
     assert first.name != second.name
-    assert rollout(first.make(), 5) != rollout(second.make(), 5)
+    assert rollout(make_env(first), 5) != rollout(make_env(second), 5)
 
 
 @pytest.mark.parametrize(

@@ -13,18 +13,19 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from trainables.agents import agent_named, agents
 from trainables.agents.hyperparameters import QLearning
-from trainables.agents.step_learner import StepLearner
+from trainables.agents.registry import agent_named, agents
 from trainables.cell import Cell, Source
-from trainables.cell_run import run_cell
-from trainables.check import check, rollout
 from trainables.delta.exact import exact_q
 from trainables.errors import InputError
+from trainables.learners.step_learner import StepLearner
 from trainables.own import agent, feature, load, tabular_task, task
-from trainables.plugins import installed
-from trainables.tasks import all_families, families, parse_task
-from trainables.tasks.model import TransitionModel
+from trainables.plugins import entry_points
+from trainables.tasks.env_checker import check, rollout
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import all_families, families, parse_task
+from trainables.tasks.spec.tabular_model import TransitionModel
+from trainables.training.cell_run import run_cell
 
 HERE = Path(__file__).parent
 SMALL = {"episodes": 4, "evaluate_every": 2, "evaluation_episodes": 2, "hidden_size": 8, "batch_size": 8}
@@ -67,7 +68,7 @@ def failure(name: str) -> str:
 
 def test_features_reach_the_environment_by_name_and_the_limit_truncates() -> None:
     name = load(f"{HERE / 'bad_tasks.py'}:Good:wind=0.25,limit=3")
-    env = parse_task(name).make()
+    env = make_env(parse_task(name))
     assert env.unwrapped.wind == 0.25  # type: ignore[attr-defined]
     env.reset(seed=0)
     assert [env.step(0)[3] for _ in range(3)] == [False, False, True]
@@ -81,14 +82,14 @@ def test_a_time_limit_inside_other_wrappers_is_one(tmp_path: Path) -> None:
         "    return gymnasium.wrappers.FlattenObservation(gymnasium.make('CartPole-v1', max_episode_steps=3))\n\n\n"
         "Task = task(build)\n"
     )
-    env = parse_task(load(f"{tmp_path / 'wrapped.py'}:Task")).make()
+    env = make_env(parse_task(load(f"{tmp_path / 'wrapped.py'}:Task")))
     env.reset(seed=0)
     assert [env.step(0)[3] for _ in range(3)] == [False, False, True]
 
 
 def test_continuous_actions_of_an_own_task_are_cut_into_levels() -> None:
     task = parse_task(load(f"{HERE / 'bad_tasks.py'}:Cut:levels=5"))
-    assert task.make().action_space == gymnasium.spaces.Discrete(5)
+    assert make_env(task).action_space == gymnasium.spaces.Discrete(5)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +169,7 @@ def test_a_task_by_its_model_passes_every_check(chain_task: str) -> None:
 
 
 def test_steps_are_drawn_with_the_models_probabilities(chain_task: str) -> None:
-    env = parse_task(f"{chain_task}:slip=0.3").make()
+    env = make_env(parse_task(f"{chain_task}:slip=0.3"))
     stayed = []
     for seed in range(2000):
         env.reset(seed=seed)
@@ -183,7 +184,7 @@ def test_every_tabular_agent_learns_a_task_by_its_model(chain_task: str) -> None
     assert outcome["points"]["discounted_return"][-1] == pytest.approx(best, rel=1e-6)
     source = Source(task=chain_task, kind="exact")
     for name in ("delta_gate", "policy_reuse"):
-        from trainables.training import exact_source
+        from trainables.training.train import exact_source
 
         cell = Cell.create(name, f"{chain_task}:slip=0.5", 0, {"episodes": 20}, source)
         assert run_cell(cell, lambda cell: exact_source(chain_task, 0.99))["error"] is None
@@ -221,7 +222,7 @@ def test_the_step_learner_is_q_learning(chain_task: str) -> None:
 
 def test_a_deep_agent_may_derive_from_ours(tmp_path: Path) -> None:
     (tmp_path / "deep.py").write_text(
-        "from trainables.agents.dqn import DeepLearner\nfrom trainables.agents.hyperparameters import DQN\n"
+        "from trainables.learners.dqn import DeepLearner\nfrom trainables.agents.hyperparameters import DQN\n"
         "from trainables.own import agent\n\n\nclass Mine(DeepLearner):\n    '''Mine.'''\n\n\n"
         "Agent = agent(Mine, DQN, kind='deep')\n"
     )
@@ -246,7 +247,7 @@ def test_an_agent_that_is_none_is_refused(learner: type, settings: Any, says: st
 def test_an_agents_name_says_where_it_is_from_and_bad_ones_are_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "from trainables.agents.hyperparameters import QLearning, Transfer\n"
-        "from trainables.agents.step_learner import StepLearner\nfrom trainables.own import agent\n"
+        "from trainables.learners.step_learner import StepLearner\nfrom trainables.own import agent\n"
         "Plain = agent(StepLearner, QLearning)\nMore = agent(StepLearner, Transfer, base='mine.py:Plain')\nThree = 3\n"
     )
     more = load(f"{tmp_path / 'mine.py'}:More")
@@ -277,7 +278,7 @@ def package(monkeypatch: pytest.MonkeyPatch) -> Any:
     def register(kind: str, name: str, attribute: str) -> None:
         point = EntryPoint(name, f"{module.__name__}:{attribute}", f"deltatune.{kind}s")
         vars(point)["dist"] = Package
-        monkeypatch.setattr(installed, "_points", lambda asked: (point,) if asked == kind else ())
+        monkeypatch.setattr(entry_points, "_points", lambda asked: (point,) if asked == kind else ())
 
     families.cache_clear()
     yield register
@@ -289,10 +290,10 @@ def test_a_packages_task_is_named_with_the_version(package: Any) -> None:
     task = parse_task("valley:slip=0.5")
     assert task.name == "valley@1.2:slip=0.5"
     assert parse_task(task.name).name == task.name
-    assert rollout(parse_task(task.name).make(), 9) == rollout(task.make(), 9)
+    assert rollout(make_env(parse_task(task.name)), 9) == rollout(make_env(task), 9)
     assert [family.targets for family in all_families()][-1] == ("valley@1.2:slip=0.5",)
     with pytest.raises(InputError, match=r"needs the package that registers 'valley' in version 1\.1"):
-        parse_task("valley@1.1:slip=0.5").make()
+        make_env(parse_task("valley@1.1:slip=0.5"))
 
 
 def test_a_packages_agent_is_named_with_the_version(package: Any) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from trainables.errors import InputError
-from trainables.tasks import families, parse_task
-from trainables.tasks.discrete_reacher import TORQUES
+from trainables.tasks.builtin.reacher_env import TORQUES
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import families, parse_task
 
 GYM = {"cartpole": "CartPole-v1", "acrobot": "Acrobot-v1", "lunar_lander": "LunarLander-v3", "reacher": "Reacher-v5"}
 CHANGED = {
@@ -41,12 +42,12 @@ def rollout(env: gymnasium.Env, steps: int = 150, torques: bool = False) -> list
 def test_the_default_task_is_the_plain_environment_bit_for_bit(name: str) -> None:
     limit = {"max_episode_steps": 200} if name == "cartpole" else {}
     plain = gymnasium.make(GYM[name], **limit)
-    assert rollout(parse_task(name).make()) == rollout(plain, torques=name == "reacher")
+    assert rollout(make_env(parse_task(name))) == rollout(plain, torques=name == "reacher")
 
 
 @pytest.mark.parametrize(("name", "change"), [(name, change) for name in CHANGED for change in CHANGED[name]])
 def test_a_changed_feature_changes_the_next_states(name: str, change: str) -> None:
-    default, changed = rollout(parse_task(name).make(), 40), rollout(parse_task(f"{name}:{change}").make(), 40)
+    default, changed = rollout(make_env(parse_task(name)), 40), rollout(make_env(parse_task(f"{name}:{change}")), 40)
     assert default[-1] != changed[-1]
 
 
@@ -58,7 +59,7 @@ def test_every_feature_is_either_tested_for_its_effect_or_the_time_limit(name: s
 
 @pytest.mark.parametrize("name", GYM)
 def test_the_limit_truncates(name: str) -> None:
-    env = parse_task(f"{name}:limit=3").make()
+    env = make_env(parse_task(f"{name}:limit=3"))
     env.reset(seed=0)
     assert [env.step(0)[3] for _ in range(3)] == [False, False, True]
 
@@ -115,21 +116,21 @@ def pushed_reacher() -> gymnasium.Env:
 def test_the_papers_targets_equal_an_independently_built_environment(
     task: str, build: Callable[[], gymnasium.Env]
 ) -> None:
-    assert rollout(parse_task(task).make(), 400) == rollout(build(), 400, torques=task.startswith("reacher"))
+    assert rollout(make_env(parse_task(task)), 400) == rollout(build(), 400, torques=task.startswith("reacher"))
 
 
 def test_derived_fields_of_cartpole_follow() -> None:
-    env = parse_task("cartpole:pole_mass=3x,cart_mass=2,pole_length=2x").make().unwrapped
+    env = make_env(parse_task("cartpole:pole_mass=3x,cart_mass=2,pole_length=2x")).unwrapped
     assert env.total_mass == env.masspole + env.masscart == pytest.approx(2.3)
     assert env.polemass_length == env.masspole * env.length == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("name", CHANGED)
 def test_a_changed_environment_leaves_the_next_plain_one_alone(name: str) -> None:
-    before = rollout(parse_task(name).make(), 40)
+    before = rollout(make_env(parse_task(name)), 40)
     for change in CHANGED[name]:
-        rollout(parse_task(f"{name}:{change}").make(), 5)
-    assert rollout(parse_task(name).make(), 40) == before
+        rollout(make_env(parse_task(f"{name}:{change}")), 5)
+    assert rollout(make_env(parse_task(name)), 40) == before
 
 
 @pytest.mark.parametrize("family", GYM)
@@ -147,7 +148,7 @@ def test_the_registry_imports_no_simulator_and_no_torch() -> None:
 
 def test_any_gymnasium_environment_with_discrete_actions_is_a_task() -> None:
     task = parse_task("gym:MountainCar-v0:gravity=2x")
-    assert task.make().unwrapped.gravity == 0.005
+    assert make_env(task).unwrapped.gravity == 0.005
     assert parse_task(task.name) == task
     assert task.name == "gym:MountainCar-v0:gravity=0.005"
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-from trainables.check import rollout
 from trainables.errors import InputError
-from trainables.tasks import parse_task
-from trainables.tasks.discrete_reacher import TORQUES
-from trainables.tasks.discretise import action_table, discretise
+from trainables.tasks.builtin.reacher_env import TORQUES
+from trainables.tasks.env_checker import rollout
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import parse_task
+from trainables.tasks.wrappers.discretise import action_table, discretise
 
 
 def test_the_levels_are_even_from_bound_to_bound_and_every_combination_is_an_action() -> None:
@@ -31,7 +32,7 @@ def test_reachers_nine_torques_are_three_levels() -> None:
     [("Pendulum-v1", 5), ("MountainCarContinuous-v0", 5), ("InvertedPendulum-v5", 5), ("Reacher-v5", 25)],
 )
 def test_the_environment_gets_the_action_that_a_number_stands_for(name: str, count: int) -> None:
-    ours, plain = parse_task(f"gym:{name}:levels=5").make(), gymnasium.make(name)
+    ours, plain = make_env(parse_task(f"gym:{name}:levels=5")), gymnasium.make(name)
     table = action_table(plain.action_space, 5)
     assert len(table) == count == ours.action_space.n  # type: ignore[attr-defined]
     ours.reset(seed=1)
@@ -45,9 +46,9 @@ def test_the_environment_gets_the_action_that_a_number_stands_for(name: str, cou
 def test_a_names_levels_and_attributes_go_together() -> None:
     task = parse_task("gym:Pendulum-v1:g=2x,levels=7")
     assert task.name == "gym:Pendulum-v1:levels=7,g=20"
-    assert task.make().unwrapped.g == 20  # type: ignore[attr-defined]
+    assert make_env(task).unwrapped.g == 20  # type: ignore[attr-defined]
     assert parse_task("gym:Pendulum-v1:levels=3").name == "gym:Pendulum-v1"
-    assert rollout(task.make(), 50) != rollout(parse_task("gym:Pendulum-v1:levels=7").make(), 50)
+    assert rollout(make_env(task), 50) != rollout(make_env(parse_task("gym:Pendulum-v1:levels=7")), 50)
 
 
 def test_the_time_limit_stays_outermost() -> None:

@@ -1,0 +1,32 @@
+"""What people look at: figures and the report, drawn from the results table alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from orchestrator.analysis.findings import Findings
+
+__all__ = ["REPORT", "draw"]
+
+REPORT = "report.html"
+
+AT_THE_END = ("matrix", "curves", "delta_effect", "advice_fraction")
+"""The pictures that a sweep draws when it ends; the others are in the report at once, and as pictures on demand."""
+
+
+def draw(findings: Findings, folder: Path | None = None, every: bool = False) -> list[Path]:
+    """Write the report, and as PNG and SVG in the folder `figures` beside it what the sweep has the cells for.
+
+    folder: default the sweep's own. every: all figures as pictures, not those of AT_THE_END alone. The files, the
+    report first.
+    """
+    from dashboards.renderers import matplotlib_renderer
+    from dashboards.report import sections
+
+    figures = sections.figures(findings)
+    folder = folder or findings.results.folder
+    paths = [sections.write(findings, figures, folder / REPORT)]
+    for figure in figures:
+        if every or figure.name in AT_THE_END:
+            paths += matplotlib_renderer.draw(figure, findings.results.name, folder / "figures")
+    return paths

@@ -1,0 +1,84 @@
+"""Evaluation curves with 95 % bands, a panel per target and kind of source (Figure 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import pandas as pd
+
+from dashboards.figure_model import Absent, Chart, Panel, Series
+from dashboards.labels import count, heading, in_order, kinds, label, targets
+from orchestrator.analysis.curves import curve_bands
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+
+NAME, TITLE = "curves", "Evaluation curves"
+
+OTHERS = 2
+"""Most configurations of an agent that are drawn beside its best."""
+
+POINTS = 160
+"""Most points of a curve that are drawn, evenly spaced, first and last included; the tables have them all."""
+
+Bands = Mapping[tuple[str, str], pd.DataFrame]
+
+
+def chart(findings: Findings) -> Chart | Absent:
+    """The best configuration of each agent on each target, and up to OTHERS more of it in thin lines."""
+    best = findings.best
+    shown = [target for target in targets(findings) if any(group.task == target for group in best)]
+    if not shown:
+        return Absent(
+            NAME, TITLE, "No configuration on a target task has every seed done, so there is no curve to draw."
+        )
+    drawn = {group.id: group for group in best if group.task in shown}
+    others = {group.id: group for target in shown for group in _others(findings, target)}
+    bands = curve_bands(findings.points, findings.cells, [*drawn, *others], ["greedy_return"])
+    lines = {key: line(g, bands[key, "greedy_return"], findings.common) for key, g in drawn.items()}
+    lines |= {key: line(g, bands[key, "greedy_return"], findings.common, faint=True) for key, g in others.items()}
+    every_group = in_order([*others.values(), *drawn.values()])
+    panels = []
+    for target in shown:
+        here = [group for group in every_group if group.task == target]
+        for source in kinds(here):
+            series = tuple(lines[group.id] for group in here if group.source in (source, "none"))
+            panels.append(_panel(target, source, series))
+    longest = max(len(band) for band in bands.values())
+    every = -(-(longest - 1) // (POINTS - 1)) if longest > POINTS else 1
+    caption = "Greedy return over training: mean and 95 % interval over seeds. Bold: each agent's best configuration; "
+    caption += f"thin: up to {count(OTHERS, 'other')} of it, where it has no more. "
+    caption += (
+        f"Of {longest} evaluations about every {every}th is drawn." if every > 1 else "Every evaluation is drawn."
+    )
+    alt = f"Evaluation curves of {count(len(drawn), 'configuration')} on {count(len(shown), 'target')}."
+    return Chart(NAME, TITLE, caption, alt, tuple(panels), len(kinds(drawn.values())))
+
+
+def _others(findings: Findings, target: str) -> list[Group]:
+    """The configurations beside the best, of agents that have few of them with one kind of source."""
+    best = {group.id for group in findings.best}
+    others = [g for g in findings.groups if g.task == target and g.complete and g.id not in best]
+    return [g for g in others if sum((o.agent, o.source) == (g.agent, g.source) for o in others) <= OTHERS]
+
+
+def _panel(target: str, source: str, series: tuple[Series, ...]) -> Panel:
+    means = [value for one in series for value in one.y if value is not None]
+    margin = 0.06 * (max(means) - min(means) or 1.0)
+    reach = (min(means) - margin, max(means) + margin)
+    return Panel(heading(target, source), "training episode", "greedy return", series, target, y_range=reach)
+
+
+def line(group: Group, band: pd.DataFrame, hide: Collection[str] = (), faint: bool = False) -> Series:
+    """A group's mean curve with its band, of at most POINTS points; `hide` is left out of its label."""
+    thin = thinned(band)
+    low, high = (tuple(float(value) for value in thin[end]) for end in ("low", "high"))
+    x, y = (tuple(float(value) for value in thin[name]) for name in ("episode", "mean"))
+    return Series(group.agent, label(group, hide), x, y, (low, high) if len(group.seeds) > 1 else None, faint=faint)
+
+
+def thinned(band: pd.DataFrame) -> pd.DataFrame:
+    """At most POINTS rows, evenly spaced, first and last included."""
+    if len(band) <= POINTS:
+        return band
+    last = len(band) - 1
+    return band.iloc[[round(i * last / (POINTS - 1)) for i in range(POINTS)]]

@@ -1,0 +1,54 @@
+"""Source x target: the transfer effect of every agent, negative transfer marked."""
+
+from __future__ import annotations
+
+from dashboards.figure_model import Absent, Matrix
+from dashboards.labels import SOURCES, in_order, minus, targets
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from orchestrator.analysis.labels import signed
+
+NAME, TITLE = "matrix", "Transfer effect, source by target"
+
+MARKS = {"helped": "▲ ", "hurt": "▼ "}
+
+
+def chart(findings: Findings) -> Matrix | Absent:
+    """A row per source, kind of source and agent, a column per target; the best configuration of each."""
+    best = {(*_row(group), group.task): group for group in in_order(findings.best) if group.against_base}
+    columns = [target for target in targets(findings) if any(key[-1] == target for key in best)]
+    if not columns:
+        reason = "No configuration with transfer has every seed done beside the agent without transfer."
+        return Absent(NAME, TITLE, reason)
+    order = list(SOURCES)
+    rows = sorted(dict.fromkeys(key[:3] for key in best), key=lambda row: (row[0], order.index(row[1])))
+    grid = [[best.get((*row, target)) for target in columns] for row in rows]
+    caption = (
+        "Transfer ratio of each agent's best configuration. ▲ transfer helped, ▼ it hurt (negative transfer): the "
+    )
+    caption += "95 % interval of the paired difference in AUC lies on one side of 0. Without a mark nobody can tell."
+    return Matrix(
+        NAME,
+        TITLE,
+        caption,
+        tuple(rows),
+        tuple(columns),
+        tuple(tuple(_text(group) for group in line) for line in grid),
+        tuple(tuple((group.verdict or "") if group else "" for group in line) for line in grid),
+    )
+
+
+def _row(group: Group) -> tuple[str, str, str]:
+    return group.source_task or "", group.source, group.agent
+
+
+def _ratio(group: Group | None) -> float | None:
+    return group.against_base.transfer_ratio.value if group and group.against_base else None
+
+
+def _text(group: Group | None) -> str:
+    if group is None:
+        return "–"
+    ratio = _ratio(group)
+    mark = MARKS.get(group.verdict or "", "")
+    return mark + ("undefined" if ratio is None else minus(f"{signed(100 * ratio)} %"))

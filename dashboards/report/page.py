@@ -1,0 +1,104 @@
+"""The page about the report: template, style and script, with every text escaped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from dashboards.report.reproduce import command, export_command, space_yaml
+from dashboards.report.summary import Summary
+from dashboards.report.tables import Table
+from dashboards.style import LOOKS, OTHER, Look
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from trainables.storage.atomic import write_atomic
+
+PAGE = Path(__file__).parent / "page"
+
+SHAPES = {
+    "circle": "M14 2.5a3.5 3.5 0 1 0 .01 0z",
+    "square": "M11 3h6v6h-6z",
+    "diamond": "M14 1.5l4.5 4.5-4.5 4.5-4.5-4.5z",
+    "triangle-up": "M14 2l4.2 7.5h-8.4z",
+    "triangle-down": "M14 10l4.2-7.5h-8.4z",
+    "pentagon": "M14 1.5l4.3 3.1-1.6 5h-5.4l-1.6-5z",
+    "x": "M11 1.8l3 2.7 3-2.7 1.3 1.4-2.7 2.8 2.7 2.8-1.3 1.4-3-2.7-3 2.7-1.3-1.4 2.7-2.8-2.7-2.8z",
+}
+"""Outline of each marker about (14, 6)."""
+
+
+def swatch(agent: str) -> Markup:
+    """An agent's line and marker, as in the charts."""
+    look = LOOKS.get(agent, OTHER)
+    dash = " ".join(f"{length:g}" for length in look.dash)
+    drawing = Markup('<svg class="swatch" viewBox="0 0 28 12" width="28" height="12" aria-hidden="true" style="{}">')
+    drawing += Markup('<path class="dash" d="M0 6h28" stroke-dasharray="{}"/><path class="mark" d="{}"/></svg>')
+    return drawing.format(f"color:var({variable(agent)})", dash, SHAPES[look.marker])
+
+
+def breakable(text: str) -> Markup:
+    """Text whose line may break after a colon, as in the name of a task."""
+    return escape(text).replace(":", Markup(":<wbr>"))
+
+
+def heading(text: str) -> Markup:
+    """A column's title with its unit, in brackets, on a line of its own."""
+    return Markup(re.sub(r" (?=[\[(])", "<br>", str(escape(text))))
+
+
+def variable(agent: str) -> str:
+    """The name of an agent's colour in the style sheet."""
+    return f"--agent-{agent}" if agent in LOOKS else "--agent-other"
+
+
+def palette(shade: str) -> str:
+    """The agents' colours as declarations, for 'light' or 'dark'."""
+    looks: dict[str, Look] = {**LOOKS, "other": OTHER}
+    return "".join(f"--agent-{agent}:{getattr(look, shade)};" for agent, look in looks.items())
+
+
+def _files(findings: Findings, content: Sequence[dict[str, Any]]) -> dict[str, str]:
+    """What can be downloaded, by file name."""
+    blocks = [block for part in content for block in part["blocks"]]
+    tables: list[Table] = [block["table"] for block in blocks if block["kind"] == "table"]
+    name = findings.results.name
+    return {f"{name}-{table.id}.csv": table.csv for table in tables} | {"space.yaml": space_yaml(findings)}
+
+
+def render(
+    path: Path,
+    findings: Findings,
+    content: Sequence[dict[str, Any]],
+    specs: Sequence[dict[str, Any]],
+    stamp: Sequence[tuple[str, str]],
+    summary: Summary,
+    winners: Sequence[Group],
+) -> None:
+    """Write the page to `path`."""
+    environment = Environment(
+        loader=FileSystemLoader(PAGE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    )
+    environment.filters |= {"breakable": breakable, "heading": heading}
+    page = environment.get_template("report.html").render(
+        name=findings.results.name,
+        description=findings.results.space().description,
+        stamp=stamp,
+        summary=summary,
+        content=content,
+        export=export_command(findings),
+        winners=[(group, command(findings, group)) for group in winners],
+        data={"specs": specs, "files": _files(findings, content)},
+        swatch=swatch,
+        light=palette("light"),
+        dark=palette("dark"),
+        style=Markup((PAGE / "report.css").read_text(encoding="utf-8")),
+        script=Markup((PAGE / "report.js").read_text(encoding="utf-8")),
+        plotly=Markup((resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")),
+    )
+    write_atomic(path, page.encode())

@@ -1,0 +1,175 @@
+"""The report: one HTML file with everything in it, from the results table alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dashboards.figure_model import Absent, Figure, Matrix
+from dashboards.figures import (
+    advice_fraction,
+    delta_effect,
+    evaluation_curves,
+    forest,
+    gate,
+    sensitivity,
+    transfer_matrix,
+)
+from dashboards.labels import SOURCES, minus, targets
+from dashboards.renderers import plotly_renderer
+from dashboards.report.page import render
+from dashboards.report.summary import stamp, summary
+from dashboards.report.tables import Datum, Table, table_1, text_csv, unfinished
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from orchestrator.analysis.labels import settings_text
+from orchestrator.analysis.paper_table1 import same_row
+from orchestrator.analysis.paper_table1 import table_1 as paper_row
+
+FACETS = 4
+"""Most panels of a chart that stand beside each other for several targets; beyond, one target is shown at a time."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of the report: words, then tables and figures in order."""
+
+    id: str
+    title: str
+    lead: str
+    content: tuple[Table | Figure, ...]
+
+
+def figures(findings: Findings) -> list[Figure]:
+    """Every figure, those too that the sweep has no data for."""
+    charts = (transfer_matrix, evaluation_curves, delta_effect, gate, forest, sensitivity, advice_fraction)
+    return [module.chart(findings) for module in charts]
+
+
+def sections(findings: Findings, drawn: list[Figure]) -> list[Section]:
+    """The sections in their order."""
+    of = {figure.name: figure for figure in drawn}
+    correlations = _correlations(findings)
+    return [
+        Section("table1", "Table 1", _table_lead(findings), _tables(findings)),
+        Section("matrix", "Source by target", "", (of[transfer_matrix.NAME],)),
+        Section("curves", "Evaluation curves", "", (of[evaluation_curves.NAME],)),
+        Section("delta", "Delta against transfer effect", _EFFECT, (of[delta_effect.NAME], *correlations)),
+        Section("gate", "Gate and advice over time", "", (of[gate.NAME],)),
+        Section("forest", "Forest plot", "", (of[forest.NAME],)),
+        Section("hyperparameters", "Hyperparameters", "", _hyperparameters(findings, of)),
+        Section("cells", "Failed and missing cells", "", _cells(findings)),
+    ]
+
+
+_EFFECT = (
+    "If delta tells when to transfer, its size falls as the transfer ratio rises: a rank correlation near −1. "
+    "The interval resamples targets; with few of them it is wide, as it should be."
+)
+
+
+def _table_lead(findings: Findings) -> str:
+    if not findings.best:
+        return ""
+    text = (
+        "The best configuration of each agent by mean AUC over seeds; transfer against the same agent's base without "
+    )
+    text += "transfer, paired by seed. An AUC is the mean of the greedy evaluation curve."
+    if any(selected.tried > 1 for selected in findings.selected.values()):
+        text += " Where several were tried, the seeds that chose the best also judge it, which flatters it a little."
+    text += f" All with {settings_text(findings.common)}." if findings.common else ""
+    ours = [group for group in findings.best if paper_row(group)]
+    if ours and not any(same_row(group) for group in ours):
+        text += " The paper's own numbers are left out: these rows are not at its settings."
+    return text
+
+
+def _tables(findings: Findings) -> tuple[Table | Figure, ...]:
+    if not findings.best:
+        reason = "No configuration has every seed done yet, so there is nothing to select or to compare."
+        return (Absent("table1", "Table 1", reason),)
+    caption = "Best configuration of each agent"
+    first = table_1(findings, findings.best, "best", caption)
+    if len(findings.groups) == len(findings.best):
+        return (first,)
+    return first, table_1(findings, findings.groups, "all", f"All {len(findings.groups)} configurations", folded=True)
+
+
+def _correlations(findings: Findings) -> tuple[Table | Figure, ...]:
+    found = delta_effect.correlations(delta_effect.pairs(findings))
+    if found and all(one.rho is None for one in found):
+        most = max(one.targets for one in found)
+        reason = f"A rank correlation needs three targets that differ; no agent has more than {most} here."
+        return (Absent("rank_correlation", "Rank correlation", reason),)
+    rows, records = [], []
+    for one in found:
+        rho = one.rho
+        text = "undefined (needs three targets that differ)" if rho is None else f"{rho.value:+.2f}"
+        text += "" if rho is None or rho.low is None else f" [{rho.low:+.2f}, {rho.high:+.2f}]"
+        source = SOURCES.get(one.source, one.source)
+        name, number = Datum(one.agent, one.agent, agent=one.agent), Datum(str(one.targets), one.targets)
+        rows.append((name, Datum(source, source), number, Datum(minus(text), rho.value if rho else None)))
+        ends = (rho.value, rho.low, rho.high) if rho else (None,) * 3
+        record: dict[str, Any] = {"agent": one.agent, "source": one.source, "targets": one.targets}
+        records.append(record | dict(zip(("rho", "rho_low", "rho_high"), ends, strict=True)))
+    columns = (("agent", False), ("source", False), ("targets", True), ("Spearman's rho [95%]", True))
+    caption = "Rank correlation of delta with the transfer ratio"
+    return (Table("rank_correlation", caption, columns, tuple(rows), text_csv(records)),) if rows else ()
+
+
+def _hyperparameters(findings: Findings, of: dict[str, Figure]) -> tuple[Table | Figure, ...]:
+    return of[sensitivity.NAME], of[advice_fraction.NAME]
+
+
+def _cells(findings: Findings) -> tuple[Table | Figure, ...]:
+    table = unfinished(findings.cells)
+    if table is not None:
+        return (table,)
+    planned = len(findings.cells)
+    reason = f"None: all {planned} cells are done." if planned else "The sweep has no cells yet."
+    return (Absent("unfinished", "Failed and missing cells", reason),)
+
+
+def winners(findings: Findings) -> list[Group]:
+    """The best configuration of all agents on each target."""
+    best = []
+    for target in targets(findings):
+        here = [group for group in findings.best if group.task == target and group.auc]
+        if here:
+            best.append(max(here, key=lambda group: group.auc.value if group.auc else 0.0))
+    return best
+
+
+def block(item: Table | Figure, specs: list[plotly_renderer.Spec]) -> dict[str, Any]:
+    """What the template needs for one table or figure; the panels' specs are added to `specs`."""
+    if isinstance(item, Table):
+        return {"kind": "table", "table": item}
+    if isinstance(item, Absent):
+        return {"kind": "absent", "figure": item}
+    if isinstance(item, Matrix):
+        return {"kind": "matrix", "figure": item, "lines": _lines(item)}
+    first = len(specs)
+    specs.extend(plotly_renderer.specs(item))
+    own = list(enumerate(specs[first:], first))
+    names = list(dict.fromkeys(spec["target"] for _, spec in own))
+    choose = names if len(own) > FACETS and len(names) > 1 else []
+    return {"kind": "chart", "figure": item, "panels": own, "agents": plotly_renderer.agents(item), "targets": choose}
+
+
+def _lines(item: Matrix) -> list[tuple[tuple[str, str, str], list[tuple[str, str]]]]:
+    return [
+        (row, list(zip(texts, verdicts, strict=True)))
+        for row, texts, verdicts in zip(item.rows, item.texts, item.verdicts, strict=True)
+    ]
+
+
+def write(findings: Findings, drawn: list[Figure], path: Path) -> Path:
+    """Write the report; the same findings give the same bytes."""
+    specs: list[plotly_renderer.Spec] = []
+    content = [
+        {"section": section, "blocks": [block(item, specs) for item in section.content]}
+        for section in sections(findings, drawn)
+    ]
+    render(path, findings, content, specs, stamp(findings), summary(findings, winners(findings)), winners(findings))
+    return path

@@ -1,0 +1,82 @@
+"""What the report says first: what the sweep was, and what came of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from dashboards.labels import SOURCES, count, label, listed, minus
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from orchestrator.analysis.summary_table import estimate_text, ratio_text
+from search_spaces.search_space import SearchSpace
+
+STATUSES = ("done", "failed", "missing", "stopped")
+CHANGES = "+changes"
+"""What provenance puts behind a commit whose tree was changed."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The answer in a few lines."""
+
+    helped: int
+    hurt: int
+    undecided: int
+    lines: tuple[tuple[str, str, str], ...]
+    """(target, agent, sentence) of the best on each target."""
+
+
+def stamp(findings: Findings) -> list[tuple[str, str]]:
+    """(term, value) pairs: where the results come from."""
+    meta, space = findings.results.meta(), findings.results.space()
+    commit, dirty = str(meta["commit"]).removesuffix(CHANGES), str(meta["commit"]).endswith(CHANGES)
+    created = datetime.fromtimestamp(meta["created"], UTC).strftime("%Y-%m-%d %H:%M UTC")
+    counts = Counter(findings.cells["status"]) if len(findings.cells) else Counter()
+    hours = float(findings.cells["seconds"].sum()) / 3600 if "seconds" in findings.cells else 0.0
+    shown = [name for name in STATUSES if name != "stopped" or counts[name]]
+    return [
+        ("sweep", findings.results.name),
+        ("search space", space.name),
+        ("begun", created),
+        ("commit", commit + (", with uncommitted changes" if dirty else ", clean" if commit != "unknown" else "")),
+        ("versions", ", ".join(f"{name} {version}" for name, version in meta["versions"].items())),
+        ("seeds", f"{len(space.seeds)} ({_seeds(space.seeds)})"),
+        ("budget", _budget(findings, space, hours)),
+        ("cells", ", ".join(f"{counts[name]} {name}" for name in shown)),
+    ]
+
+
+def _seeds(seeds: Sequence[int]) -> str:
+    run = len(seeds) > 2 and list(seeds) == list(range(seeds[0], seeds[0] + len(seeds)))
+    return f"{seeds[0]} to {seeds[-1]}" if run else ", ".join(map(str, seeds))
+
+
+def _budget(findings: Findings, space: SearchSpace, hours: float) -> str:
+    episodes = sorted({int(g.hyperparameters["episodes"]) for g in findings.groups if "episodes" in g.hyperparameters})
+    search = "every value of the grids" if space.search.method == "grid" else f"{space.search.method} search"
+    search += "" if space.search.method == "grid" else f", {count(space.search.budget, 'configuration')} each"
+    trained = f"{hours:.2f} core-hours" if hours >= 0.1 else f"{hours * 60:.1f} core-minutes"
+    counted = f"{listed([f'{n:,}' for n in episodes])} episodes a cell; " if episodes else ""
+    return f"{counted}{search}; {trained} of training"
+
+
+def summary(findings: Findings, winners: Sequence[Group]) -> Summary:
+    """How often transfer helped, and what is best on each target."""
+    verdicts = Counter(group.verdict for group in findings.best)
+    lines = tuple((group.task, group.agent, _sentence(group, findings.common)) for group in winners)
+    return Summary(verdicts["helped"], verdicts["hurt"], verdicts["undecided"], lines)
+
+
+def _sentence(group: Group, hide: Collection[str]) -> str:
+    source = f", {SOURCES[group.source]}" if group.source in SOURCES else ""
+    name = label(group, hide)
+    text = f"{name}{source}: AUC {group.auc.value:.2f}" if group.auc else name
+    if group.against_base is None:
+        return minus(text) + "; no transfer did better"
+    gap, ratio = group.against_base.difference, group.against_base.transfer_ratio
+    text += f", {estimate_text(gap)}"
+    text += "" if ratio.value is None else f" ({ratio_text(ratio)})"
+    return minus(text) + " against no transfer"

@@ -1,0 +1,1 @@
+"""The face of deltatune: the command line, and what a sweep writes at its end."""

@@ -1,0 +1,88 @@
+"""Commands for sweeps that run elsewhere."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+import typer
+
+from deltatune.cli.app import RESULTS, Storage, Sweep, app, out, program
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def submit(
+    context: typer.Context,
+    space: Annotated[str, typer.Argument(metavar="SPACE", help="A built-in search space or a YAML file.")],
+    address: Annotated[str, typer.Option(help="The head of a Ray cluster, as http://HOST:8265.")],
+    storage: Annotated[str, typer.Option(help="A folder that every node sees, or a URL such as s3://BUCKET/FOLDER.")],
+    name: Annotated[str | None, typer.Option(help="The sweep's name; default: the search space's.")] = None,
+) -> None:
+    """Send a sweep to a Ray cluster as a job: it goes on without this shell. Takes the options of 'sweep' too.
+
+    Follow it with 'deltatune watch SWEEP --storage ...' and 'deltatune logs SWEEP --storage ...' from anywhere that
+    sees the storage. Credentials of MLflow and of the storage must be in the environment of the cluster.
+    """
+    from orchestrator.process_env import prepare
+
+    prepare(joins_cluster=True)
+    from orchestrator.cluster import jobs
+    from search_spaces.loading import load
+    from trainables.storage.folders import absolute
+    from trainables.storage.paths import storage_path
+
+    storage = str(absolute(storage_path(storage)))
+    words = [*context.args, "--storage", storage]
+    wanted = load(space)
+    name = name or wanted.name
+    check_options(["space.yaml", *words, "--name", name])
+    head = jobs.client(address)
+    jobs.check_storage(head, storage)
+    job = jobs.submit(head, wanted, [*words, "--name", name], name)
+    out.print(f"Job {job} runs the sweep {name}. Its progress and its log:", soft_wrap=True)
+    for command in ("watch", "logs"):
+        out.print(f"  {program()} {command} {name} --storage {storage}", soft_wrap=True)
+    out.print(f"To stop it: ray job stop --address {address} {job}", soft_wrap=True)
+
+
+def check_options(words: list[str]) -> None:
+    """Raise a usage error, or InputError, for words that `sweep` would not take."""
+    from typer.main import get_command
+
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    commands["sweep"].make_context("sweep", words)
+
+
+@app.command()
+def watch(
+    name: Sweep,
+    storage: Storage = RESULTS,
+    every: Annotated[float, typer.Option(min=0.1, help="Seconds between two looks.")] = 2.0,
+) -> None:
+    """Follow a sweep that runs in another shell or on a cluster, until it ends."""
+    from deltatune.cli.watch import follow
+    from orchestrator.results.sweep_folder import Results
+
+    follow(Results.open(storage, name), out, every)
+
+
+@app.command()
+def logs(
+    name: Sweep,
+    storage: Storage = RESULTS,
+    follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on as the log grows; Ctrl-C ends it.")] = False,
+) -> None:
+    """Print the log of a sweep's drivers: when it ran, what failed, which workers were lost."""
+    from orchestrator.results import driver_log
+    from orchestrator.results.lock import driver
+    from orchestrator.results.sweep_folder import Results
+
+    folder = Results.open(storage, name).folder
+    shown = 0
+    while True:
+        text = driver_log.read(folder)
+        typer.echo(text[shown:], nl=False)
+        shown = len(text)
+        if not follow or driver(folder) is None:
+            return
+        time.sleep(2.0)

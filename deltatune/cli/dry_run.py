@@ -1,0 +1,33 @@
+"""What `deltatune sweep --dry-run` says."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from deltatune.cli.app import err, out, print_json, print_named
+from deltatune.cli.tables import span, table
+from orchestrator.cluster.resources import own_cpus
+from orchestrator.execution.forecast import forecast
+from orchestrator.execution.settings import Settings
+from orchestrator.results.sweep_folder import Results
+from search_spaces.search_space import SearchSpace
+from trainables.plugins.names import short
+
+
+def say_forecast(space: SearchSpace, settings: Settings, results: Results, as_json: bool) -> None:
+    """Say what a sweep with these settings would do and cost. Nothing is written."""
+    with err.status("measuring"):
+        found = forecast(space, settings, results, settings.workers or own_cpus())
+    low, high = found.wall
+    if as_json:
+        print_json(asdict(found) | {"seconds": [low, high]})
+        return
+    stages = [(s.stage, str(s.cells), str(s.done), span(s.low, s.high) if s.high else "-") for s in found.stages]
+    out.print(table(("stage", "cells", "done already", "the rest, on one core"), stages))
+    if found.costs:
+        costs = [(short(c.task), short(c.agent), span(c.low, c.high), c.origin) for c in found.costs]
+        out.print(table(("task", "agent", "an episode", "known from"), costs))
+    for why in found.unknown:
+        print_named("Cost not known", why, "yellow")
+    text = f"about {span(low, high)} on {found.workers} workers" if high else "nothing is left to run"
+    out.print(f"All in all: {text}. Nothing was written.")

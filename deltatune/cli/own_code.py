@@ -1,0 +1,112 @@
+"""Commands for a task of one's own: is it sound, and a search space to start from."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from deltatune.cli.app import Json, app, canonical, out, print_json
+from deltatune.cli.tables import span
+from trainables.tasks.spec.family import Task
+from trainables.training.throughput import measure, probe
+
+TASK = Annotated[
+    str, typer.Argument(metavar="TASK", help="NAME, gym:ENV_ID or FILE.py:NAME, each with [:FEATURE=VALUE,...].")
+]
+
+
+@app.command()
+def check(task: TASK, as_json: Json = False) -> None:
+    """Test a task as deltatune's own are tested, time it, and say what a sweep of it would cost (exit 1 if unsound).
+
+    The file of FILE.py:NAME is run.
+    """
+    from deltatune.cli.tables import table
+    from trainables.tasks.env_checker import check as findings
+    from trainables.tasks.env_checker import refused, steps_per_second
+    from trainables.tasks.registry import parse_task
+
+    parsed = parse_task(canonical(task))
+    rate, costs = None, []
+    with out.status("checking"):
+        found = list(findings(parsed))
+        sound = all(finding.passed is not False for finding in found)
+        if sound:
+            try:
+                rate, costs = steps_per_second(parsed), task_costs(parsed)
+            except Exception as error:  # the task's own code, which may fail late
+                found.append(refused("runs for thousands of steps, and is learned", error))
+                rate, costs, sound = None, [], False
+    if as_json:
+        data: dict[str, Any] = {"task": parsed.name, "sound": sound, "findings": [asdict(each) for each in found]}
+        print_json(data | {"environment_steps_per_second": rate, "costs": [asdict(cost) for cost in costs]})
+    else:
+        words = {True: "yes", False: "NO", None: "-"}
+        rows = [(each.question, words[each.passed], each.answer) for each in found]
+        out.print(table((parsed.name, "", ""), rows))
+        if rate is not None:
+            out.print(f"The environment alone makes {rate:,.0f} steps a second.")
+            out.print(table(("agent", "steps a second", "a cell at its defaults"), [c.row() for c in costs]))
+            out.print("A sweep costs agents x targets x configurations x seeds such cells: see 'sweep --dry-run'.")
+    if not sound:
+        raise typer.Exit(1)
+
+
+@app.command()
+def init(
+    task: TASK,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="The file to write; default: print.")] = None,
+) -> None:
+    """Write a commented search space for a task, to run as it is or to start from.
+
+    Features in the name make the target task, e.g. `deltatune init 'gym:Pendulum-v1:g=2x' -o mine.yaml`.
+    """
+    from search_spaces.template import starter
+    from trainables.errors import InputError
+    from trainables.storage.atomic import write_atomic
+    from trainables.storage.folders import make_folder
+
+    text = starter(task, canonical(task), str(output or "mine.yaml"))
+    if output is None:
+        typer.echo(text, nl=False)
+        return
+    if output.exists():
+        raise InputError(f"{output} is there already: choose another -o, or remove it")
+    make_folder(output.absolute().parent)
+    write_atomic(output.absolute(), text.encode())
+    out.print(f"{output}: see what it would do with 'deltatune sweep {output} --dry-run'", soft_wrap=True)
+
+
+@dataclass(frozen=True)
+class AgentCost:
+    """An agent's measured speed on a task, and what a cell with its default hyperparameters takes on one core."""
+
+    agent: str
+    steps_per_second: float
+    """Environment step and update together."""
+    episodes: int
+    seconds_low: float
+    """With episodes as long as an untrained agent's."""
+    seconds_high: float
+    """With every episode as long as the time limit allows."""
+
+    def row(self) -> tuple[str, str, str]:
+        """A line of a table."""
+        cost = span(self.seconds_low, self.seconds_high)
+        return self.agent, f"{self.steps_per_second:,.0f}", f"{self.episodes} episodes: {cost}"
+
+
+def task_costs(task: Task) -> list[AgentCost]:
+    """The costs of the agent without transfer and of the paper's with it; about two seconds each."""
+    agents = ("q_learning", "delta_gate") if task.tabular else ("dqn", "delta_es")
+    return [_cost(agent, task) for agent in agents]
+
+
+def _cost(agent: str, task: Task) -> AgentCost:
+    cell = probe(agent, task.name, task.name, {})
+    rate, values = measure(cell), dict(cell.hyperparameters)
+    spans = sorted(rate.seconds(values, steps) for steps in (None, float(rate.time_limit)))
+    return AgentCost(agent, 1 / rate.seconds_per_step, int(values["episodes"]), *spans)

@@ -1,0 +1,190 @@
+"""Commands on the source library: what is trained, and which of it to follow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from deltatune.cli.app import RESULTS, Json, Storage, app, out, print_json
+from trainables.plugins.names import short
+
+sources = typer.Typer(no_args_is_help=True, help="The source library: list, check, and pass on what is trained.")
+app.add_typer(sources, name="sources")
+
+SHOWN = 20
+"""Most sources in the table of a ranking."""
+
+Names = Annotated[list[str] | None, typer.Argument(metavar="[SOURCE]...", help="Ids, or tasks; default: all.")]
+
+
+@sources.command("list")
+def list_(names: Names = None, storage: Storage = RESULTS, as_json: Json = False) -> None:
+    """List what is trained: task, agent, seed, returns, versions, size. Every checksum is checked on the way."""
+    from deltatune.cli.tables import table
+    from orchestrator.sources.library import SourceLibrary, row
+
+    data = [row(entry) for entry in SourceLibrary(storage).find(names or [])]
+    if as_json:
+        print_json(data)
+        return
+    columns = ("id", "task", "agent", "seed", "episodes", "best return", "last return", "deltatune", "kB")
+    out.print(table(columns, [_line(each) for each in data]))
+
+
+def _line(data: dict[str, Any]) -> tuple[str, ...]:
+    returns = ["-" if data[key] is None else f"{data[key]:.2f}" for key in ("best_return", "final_return")]
+    text = [str(data[key]) for key in ("id", "task", "agent", "seed", "episodes")]
+    return (*text, *returns, data["versions"].get("deltatune", "-"), f"{data['bytes'] / 1024:.0f}")
+
+
+@sources.command()
+def add(file: Annotated[Path, typer.Argument(help="A library file (.npz).")], storage: Storage = RESULTS) -> None:
+    """Add one library file, of another storage folder say."""
+    from orchestrator.sources.library import SourceLibrary
+    from trainables.errors import InputError
+
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}") from None
+    entry = SourceLibrary(storage).add(data, str(file))
+    out.print(f"added {entry.id}: {entry.cell.agent} on {entry.cell.task}, seed {entry.cell.seed}", soft_wrap=True)
+
+
+@sources.command()
+def remove(
+    names: Annotated[list[str], typer.Argument(metavar="ID...", help="Whole ids.")], storage: Storage = RESULTS
+) -> None:
+    """Remove sources. A sweep that needs one trains it again."""
+    from orchestrator.sources.library import SourceLibrary
+
+    for name in names:
+        SourceLibrary(storage).remove(name)
+    out.print(f"removed {len(names)}")
+
+
+@sources.command()
+def verify(storage: Storage = RESULTS, as_json: Json = False) -> None:
+    """Check every file: its checksum, its shapes, and that it is the cell's that it is named after (exit 1 if not)."""
+    from orchestrator.sources.library import SourceLibrary
+    from trainables.errors import InputError
+
+    library = SourceLibrary(storage)
+    broken: dict[str, str] = {}
+    for cell_id in library.ids():
+        try:
+            library.entry(cell_id)
+        except InputError as error:
+            broken[cell_id] = str(error)
+    if as_json:
+        print_json({"sources": len(library.ids()), "broken": broken})
+    else:
+        for sentence in broken.values():
+            out.print(sentence, soft_wrap=True)
+        out.print(f"{len(library.ids()) - len(broken)} of {len(library.ids())} sources are whole")
+    if broken:
+        raise typer.Exit(1)
+
+
+@sources.command()
+def export(
+    names: Names = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write.")] = Path("sources.zip"),
+    storage: Storage = RESULTS,
+) -> None:
+    """Write sources into one file with checksums."""
+    from orchestrator.sources.archive import export_sources
+    from orchestrator.sources.library import SourceLibrary
+
+    library = SourceLibrary(storage)
+    count = export_sources(library, library.find(names or []), output)
+    out.print(f"{count} sources: {output}", soft_wrap=True)
+
+
+@sources.command("import")
+def import_(
+    file: Annotated[Path, typer.Argument(help="What 'deltatune sources export' wrote.")],
+    names: Names = None,
+    storage: Storage = RESULTS,
+) -> None:
+    """Take sources from such a file, all of them or none where one is damaged."""
+    from orchestrator.sources.archive import import_sources
+    from orchestrator.sources.library import SourceLibrary
+
+    entries = import_sources(SourceLibrary(storage), file, names or [])
+    out.print(f"{len(entries)} sources from {file}", soft_wrap=True)
+
+
+@app.command()
+def rank(
+    target: Annotated[str, typer.Argument(help="Target task, e.g. windy_gridworld:wind=reversed.")],
+    source: Annotated[
+        list[str] | None, typer.Option("--sources", help="An id or a task; repeat for more. Default: the library.")
+    ] = None,
+    episodes: Annotated[
+        int, typer.Option(min=2, help="Episodes to play on the target, for all sources together.")
+    ] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Of the episodes' randomness.")] = 0,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Say which trained source to transfer from, or from none, by delta along each source's own path.
+
+    Every source's delta is estimated from the same target episodes. Exit code 3: none is recommended.
+    """
+    from orchestrator.sources.library import SourceLibrary
+    from orchestrator.sources.ranking import rank_sources
+
+    found = rank_sources(target, SourceLibrary(storage).find(source or []), episodes, seed)
+    data = found.to_json()
+    if as_json:
+        print_json(data)
+    else:
+        _print_ranking(data)
+    if data["recommended"] is None:
+        raise typer.Exit(3)
+
+
+def _print_ranking(data: dict[str, Any]) -> None:
+    from deltatune.cli.tables import table
+
+    columns: tuple[str, ...] = ("id", "source task", "seed", "discounted return [95%]", "advantage kept [at least]")
+    columns += ("|delta|", "|delta| at home", "episodes", "verdict")
+    every = data["sources"]
+    title = f"Sources for {short(data['target'])}, by the lower end of the return's interval"
+    out.print(table(columns, [_ranked(each) for each in every[:SHOWN]], title))
+    if len(every) > SHOWN:
+        out.print(f"... and {len(every) - SHOWN} more (--json has all)")
+    out.print(f"{data['steps']} steps on the target; acting at random returns {data['random_return']:.1f}.")
+    out.print(
+        "Advantage: by how much more than acting at random a source's own values say that it will return; here, the "
+        "share of it that is kept on the target.",
+        soft_wrap=True,
+    )
+    if data["recommended"] is None:
+        kept = "unknown" if every[0]["kept"] is None else f"{every[0]['kept']:.0%}"
+        out.print("None is similar enough: learn without a source.", soft_wrap=True)
+        out.print(
+            f"The best, {every[0]['id']}, keeps {kept} of what it promises over acting at random.", soft_wrap=True
+        )
+    else:
+        out.print(f"Recommended: {every[0]['id']}, trained on {every[0]['task']}.", soft_wrap=True)
+
+
+def _ranked(data: dict[str, Any]) -> tuple[str, ...]:
+    tried = data["value"] is not None
+    value = f"{data['value']:.1f} [{data['low']:.1f}, {data['high']:.1f}]" if tried else "not tried"
+    kept = f"{data['kept']:.0%} [{data['kept_low']:.0%}]" if tried else "-"
+    sizes = f"{data['delta']:.2f}", f"{data['self_delta']:.2f}"
+    return (
+        data["id"],
+        short(data["task"]),
+        str(data["seed"]),
+        value,
+        kept,
+        *sizes,
+        str(data["episodes"]),
+        data["verdict"],
+    )

@@ -1,0 +1,108 @@
+"""What `deltatune sweep` says at its end."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import Any, NoReturn
+
+import typer
+
+from deltatune.cli.app import err, out, print_json, print_named, program
+from deltatune.cli.tables import group_table
+from deltatune.publish import Published, artifacts, publish
+from orchestrator.execution.settings import Tally
+from orchestrator.export.best_params import best
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking.tracker import Tracker
+from orchestrator.tracking.uri import shown
+
+
+def report(results: Results, tally: Tally, tracker: Tracker | None, as_json: bool) -> None:
+    """Publish a sweep that has ended, and say what came of it and where it is."""
+    started = time.monotonic()
+    console = err if as_json else out
+    with console.status("tables, figures and MLflow"):
+        published = publish(results)
+        sources = _register(results, tracker, tracker.finish(published.findings, artifacts(results))) if tracker else []
+    after = time.monotonic() - started
+    if as_json:
+        print_json(_summary(results, tally, published, tracker, after) | {"sources": sources})
+    else:
+        _print_report(results, tally, published, tracker, after)
+        for source in sources:
+            out.print(f"Source:   {source}", soft_wrap=True)
+    if tally.failed:
+        raise typer.Exit(1)
+
+
+def interrupted(results: Results, tally: Tally, tracker: Tracker | None, as_json: bool) -> NoReturn:
+    """Say what a sweep that was stopped has done, and end with exit code 130."""
+    if tracker:
+        tracker.interrupt()
+    if as_json:
+        print_json({"sweep": str(results.folder), "tally": asdict(tally), "interrupted": True})
+    else:
+        ended = f"{tally.ran} cells run ({tally.failed} failed), {tally.reused} there before"
+        out.print(f"{ended}, {tally.left} left; long ones are checkpointed.", soft_wrap=True)
+    err.print("interrupted: the same command goes on from here", soft_wrap=True)
+    raise typer.Exit(130)
+
+
+def _register(results: Results, tracker: Tracker, parent: str | None) -> list[str]:
+    """Put the sources into MLflow's registry. A failure is the tracker's error, never the sweep's."""
+    if parent is None:
+        return []
+    from orchestrator.model_registry.mlflow_registry import register
+
+    try:
+        return register(results, tracker.uri, parent)
+    except Exception as error:
+        tracker.error = error
+        return []
+
+
+def _summary(
+    results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float
+) -> dict[str, Any]:
+    return {
+        "sweep": str(results.folder),
+        "tally": asdict(tally) | {"publishing_seconds": after},
+        "best": best(published.findings),
+        "report": str(published.report),
+        "figures": [str(path) for path in published.figures],
+        "mlflow": _mlflow(tracker) if tracker else None,
+    }
+
+
+def _mlflow(tracker: Tracker) -> dict[str, Any]:
+    return {"uri": shown(tracker.uri), "error": str(tracker.error) if tracker.error else None}
+
+
+def _print_report(results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float) -> None:
+    chosen = [selected.best for selected in published.findings.selected.values()]
+    incomplete = [group for group in published.findings.groups if not group.complete]
+    tried = {selected.best.id: selected.tried for selected in published.findings.selected.values()}
+    out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds", tried))
+    if incomplete:
+        out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
+    total = tally.seconds + after
+    share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
+    stopped = f", {tally.stopped} stopped early" if tally.stopped else ""
+    out.print(
+        f"{tally.ran} cells run ({tally.failed} failed{stopped}), {tally.reused} there before; {total:.0f} s, "
+        f"{share:.0f} % of it not training."
+    )
+    out.print(f"Results:  {results.folder}", soft_wrap=True)
+    out.print(f"Report:   {published.report}", soft_wrap=True)
+    for path in (path for path in published.figures if path.suffix == ".png"):
+        out.print(f"Figure:   {path}", soft_wrap=True)
+    if published.best:
+        out.print(f"Best:     {published.best}", soft_wrap=True)
+    if tracker and tracker.error:
+        print_named(
+            "MLflow has not got everything", f"{tracker.error}. The results are whole; when it is back:", "yellow"
+        )
+        out.print(f"          {program()} sync {results.name} --storage {results.storage}", soft_wrap=True)
+    elif tracker:
+        out.print(f"MLflow:   {program()} ui --storage {results.storage}", soft_wrap=True)

@@ -1,0 +1,181 @@
+"""Commands on sweeps that are there already."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from deltatune.cli.app import RESULTS, Json, Storage, Sweep, TrackingUri, app, out, print_json, print_named, program
+
+
+@app.command()
+def status(
+    name: Annotated[str | None, typer.Argument(metavar="[SWEEP]", help="A sweep; default: list all.")] = None,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Show how far a sweep is: cells done, failed, stopped early and missing by stage, and why cells failed."""
+    from deltatune.cli.tables import table
+    from orchestrator.results.status import KEYS, sweep_status, sweeps
+
+    found = [sweep_status(results) for results in sweeps(storage, name)]
+    if as_json:
+        print_json(found[0] if name else found)
+        return
+    rows = [
+        (data["sweep"], stage, *(str(counts[key]) for key in KEYS), data["driver"] or "-")
+        for data in found
+        for stage, counts in data["stages"].items()
+    ]
+    out.print(table(("sweep", "stage", *KEYS, "running in"), rows))
+    for data in found:
+        if data["now"]:
+            print_named(data["sweep"], data["now"])
+        for failure in data["failures"]:
+            what = f"{failure['cell_id']} {failure['agent']} on {failure['task']}, seed {failure['seed']}"
+            print_named(what, failure["error"], "red")
+
+
+@app.command()
+def report(
+    name: Sweep,
+    storage: Storage = RESULTS,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FOLDER", help="Write it here; default: the sweep's folder."),
+    ] = None,
+    show: Annotated[bool, typer.Option("--open/--no-open", help="Open it in the browser.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Draw a sweep's report: one HTML file with every table and figure in it, and each figure as PNG and SVG."""
+    from dashboards.draw import draw
+    from orchestrator.analysis.findings import find
+    from orchestrator.results.sweep_folder import Results
+    from trainables.storage.folders import make_folder
+
+    findings = find(Results.open(storage, name))
+    files = draw(findings, make_folder(output) if output else None, every=True)
+    if as_json:
+        print_json({"report": str(files[0]), "figures": [str(path) for path in files[1:]]})
+    else:
+        out.print(f"Report:   {files[0]}", soft_wrap=True)
+        out.print(f"Figures:  {len(files) - 1} PNG and SVG files in {files[0].parent / 'figures'}", soft_wrap=True)
+    if show:
+        typer.launch(files[0].as_uri())
+
+
+class Format(StrEnum):
+    """What `export` can write."""
+
+    YAML = "yaml"
+    JSON = "json"
+    SB3 = "sb3"
+    CSV = "csv"
+    PARQUET = "parquet"
+    LATEX = "latex"
+
+
+@app.command()
+def export(
+    name: Sweep,
+    kind: Annotated[
+        Format,
+        typer.Option(
+            "--format",
+            help="yaml, json: the best hyperparameters; sb3: the same as keyword arguments of stable-baselines3's DQN; "
+            "csv, parquet: the results, cells and points; latex: Table 1.",
+        ),
+    ] = Format.YAML,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="The file to write (csv, parquet: the folder); default: by the format."),
+    ] = None,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Write a sweep's best hyperparameters per task, agent and source, for people and for 'sweep --params'.
+
+    Or, with --format, its results and its Table 1 for other programs.
+    """
+    from orchestrator.analysis.findings import find
+    from orchestrator.export.formats import write
+    from orchestrator.results.sweep_folder import Results
+
+    written = write(find(Results.open(storage, name)), kind.value, output)
+    if as_json:
+        print_json(written.data)
+    else:
+        out.print(f"{written.what}: {', '.join(str(path) for path in written.files)}", soft_wrap=True)
+
+
+@app.command()
+def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = None) -> None:
+    """Bring MLflow up to a sweep's results table; twice changes nothing."""
+    from orchestrator.process_env import prepare
+
+    prepare()
+    from deltatune.publish import artifacts, publish
+    from orchestrator.model_registry import mlflow_registry
+    from orchestrator.results.sweep_folder import Results
+    from orchestrator.tracking import mlflow_mirror
+    from orchestrator.tracking.uri import tracking_uri as store_uri
+
+    results = Results.open(storage, name)
+    uri = store_uri(results.storage, tracking_uri)
+    published = publish(results)
+    parent = mlflow_mirror.sync_now(published.findings, uri, artifacts(results))
+    for source in mlflow_registry.register_now(results, uri, parent):
+        out.print(f"Source:   {source}", soft_wrap=True)
+    out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
+
+
+@app.command()
+def replay(
+    cell_id: Annotated[str, typer.Argument(help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")],
+    name: Annotated[str | None, typer.Option("--sweep", help="Look in this sweep alone.")] = None,
+    file: Annotated[list[str] | None, typer.Option("--file", help="Run this own file first; repeat for more.")] = None,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Run one recorded cell again in this process, and say whether every bit of its curve agrees (exit 1 if not)."""
+    from orchestrator.execution.replay import replay as run_again
+    from trainables.plugins.loader import load_file
+
+    for path in file or ():
+        load_file(path)
+    found = run_again(storage, cell_id, name)
+    if as_json:
+        print_json(asdict(found))
+    else:
+        verdict = "every bit agrees" if found.agrees else f"NOT the same: {found.first_difference}"
+        out.print(f"{found.agent} on {found.task}, seed {found.seed}, {found.points} evaluation points: {verdict}")
+    if not found.agrees:
+        raise typer.Exit(1)
+
+
+@app.command()
+def ui(
+    storage: Storage = RESULTS,
+    tracking_uri: TrackingUri = None,
+    host: Annotated[str, typer.Option(help="Address to listen on; 127.0.0.1 is this machine alone.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535)] = 5000,
+) -> None:
+    """Open the MLflow UI on the sweeps of a storage folder.
+
+    In the runs table, the filter `tags.kind = 'aggregate'` sorted by `auc` is a leaderboard.
+    """
+    from orchestrator.process_env import prepare
+
+    prepare()
+    from orchestrator.tracking.ui import serve
+    from orchestrator.tracking.uri import tracking_uri as store_uri
+    from trainables.errors import InputError
+
+    if not host.strip():
+        raise InputError(f"--host must be an address such as 127.0.0.1, or 0.0.0.0 for all (got '{host}')")
+
+    raise typer.Exit(serve(store_uri(storage, tracking_uri), host, port, out))

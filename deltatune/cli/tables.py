@@ -1,0 +1,64 @@
+"""Tables for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import rich.box
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from orchestrator.analysis.groups import Group
+
+COLOURS = {"helped": "green", "hurt": "red"}
+"""A verdict's colour in a terminal."""
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], title: str | None = None) -> Table:
+    """A plain table; the cells of the first column are never cut."""
+    result = Table(title=title, box=rich.box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for number, column in enumerate(columns):
+        result.add_column(column, overflow="fold", no_wrap=number == 0)
+    for cells in rows:
+        result.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells))
+    return result
+
+
+def duration(seconds: float) -> str:
+    """'40 ms', '3 s', '12 min', '5.2 h'."""
+    if seconds < 1:
+        return f"{1000 * seconds:.0f} ms"
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+
+
+def span(low: float, high: float) -> str:
+    """'3 to 12 min' of two numbers of seconds; one duration where they read the same."""
+    first, last = duration(low), duration(high)
+    if first == last:
+        return last
+    (number, unit), (_, other) = first.split(), last.split()
+    return f"{number} to {last}" if unit == other else f"{number} {unit} to {last}"
+
+
+def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | None = None) -> Table:
+    """Groups under the columns of the results table, task by task; green where transfer helped, red where it hurt.
+
+    tried: group id to the number of configurations that it is the best of.
+    """
+    from orchestrator.analysis.labels import settings_text, shared
+    from orchestrator.analysis.summary_table import COLUMNS, row
+
+    lines: list[tuple[str | Text, ...]] = []
+    last, common = "", shared(groups)
+    for group in sorted(groups, key=lambda group: group.task):
+        cells: list[str | Text] = list(row(group, common))
+        of = (tried or {}).get(group.id, 1)
+        cells[3] += f" (best of {of})" if of > 1 else ""
+        cells[-2:] = [Text(str(cell), style=COLOURS.get(group.verdict or "", "")) for cell in cells[-2:]]
+        lines.append(("" if group.task == last else cells[0], *cells[1:]))
+        last = group.task
+    return table(COLUMNS, lines, title + (f"; all with {settings_text(common)}" if common else ""))

@@ -1,0 +1,42 @@
+"""Following a sweep from outside, by what its driver leaves in the sweep's folder."""
+
+from __future__ import annotations
+
+import time
+
+from rich.console import Console
+
+from orchestrator.execution.display import LOG_EVERY, bars, fields
+from orchestrator.results import progress
+from orchestrator.results.lock import driver
+from orchestrator.results.status import KEYS, sweep_status
+from orchestrator.results.sweep_folder import Results
+
+
+def follow(results: Results, console: Console, every: float) -> None:
+    """Show a sweep's progress until no driver is at it any more; then say how far it has come."""
+    live, bar, printed = bars(console), None, 0.0
+    if console.is_terminal:
+        live.start()
+    try:
+        while (who := driver(results.folder)) is not None:
+            snapshot = progress.read(results.folder)
+            if snapshot is not None and console.is_terminal:
+                bar = live.add_task(**fields(snapshot)) if bar is None else bar
+                live.update(bar, **fields(snapshot))
+            elif snapshot is not None and time.monotonic() - printed >= LOG_EVERY:
+                printed = time.monotonic()
+                console.print(f"{snapshot.line()} ({who})", soft_wrap=True)
+            time.sleep(every)
+    finally:
+        live.stop()
+    console.print(_ended(results), soft_wrap=True)
+
+
+def _ended(results: Results) -> str:
+    stages = sweep_status(results)["stages"].values()
+    done, failed, stopped, missing = (sum(stage[key] for stage in stages) for key in KEYS)
+    counts = f"{done} cells done, {failed} failed" + (f", {stopped} stopped early" if stopped else "")
+    if not stages:
+        return f"{results.name} has not begun, and no driver is at it"
+    return f"{results.name}: {counts}" + (f", {missing} missing, and no driver is at it" if missing else "")

@@ -1,0 +1,1 @@
+"""Statistics over seeds, selection, and what a sweep found."""

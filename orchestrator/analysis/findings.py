@@ -1,0 +1,46 @@
+"""What a sweep's tables say, worked out once: figures, the report, exports and MLflow are all drawn from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import pandas as pd
+
+from orchestrator.analysis.groups import Group, groups
+from orchestrator.analysis.labels import shared
+from orchestrator.analysis.selection import Selected, select
+from orchestrator.planning.arms import Key
+from orchestrator.results.sweep_folder import Results
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """A sweep's tables, its groups, and the best of them."""
+
+    results: Results
+    cells: pd.DataFrame
+    """One row per planned cell."""
+    points: pd.DataFrame
+    """One row per cell and evaluation point."""
+    groups: list[Group]
+    selected: dict[Key, Selected]
+
+    @cached_property
+    def common(self) -> Mapping[str, Any]:
+        """The hyperparameters beside the defaults that every configuration has: said once, not in every row."""
+        return shared(self.groups)
+
+    @property
+    def best(self) -> list[Group]:
+        """The best configuration of each (task, agent, source)."""
+        return [selected.best for selected in self.selected.values()]
+
+
+def find(results: Results, tables: tuple[pd.DataFrame, pd.DataFrame] | None = None) -> Findings:
+    """The findings of a sweep, from `tables` (cells, points) where they are at hand already."""
+    cells, points = tables or results.tables()
+    every = groups(cells)
+    return Findings(results, cells, points, every, select(every, cells))

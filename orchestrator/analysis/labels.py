@@ -1,0 +1,65 @@
+"""Results in words: the names of runs, and the table that a person reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from orchestrator.analysis.groups import Group
+from trainables.agents.registry import agent_named
+from trainables.cell import Cell
+from trainables.plugins.names import short
+from trainables.tasks.registry import parse_task
+
+NOTHING = 1e-9
+"""A difference up to this is shown as 0."""
+
+
+def varied(agent: str, task: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The hyperparameters that are not at the agent's default for the task, and those that define the agent."""
+    named = agent_named(agent)
+    default = named.resolve(parse_task(task), {}).model_dump()
+    own = set(named.hyperparameters.model_fields) & {"threshold", "nu", "advice_fraction"}
+    return {name: value for name, value in values.items() if value != default.get(name) or name in own}
+
+
+def settings_text(values: Mapping[str, Any]) -> str:
+    """Hyperparameters as 'name=value, ...'; a dash for none."""
+    return (
+        ", ".join(
+            f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in values.items()
+        )
+        or "-"
+    )
+
+
+def cell_name(cell: Cell) -> str:
+    """A cell's name for people; MLflow refuses brackets and equal signs in names."""
+    parts = [_short(cell.agent), _short(cell.task), cell.sources[0].kind if cell.sources else "", f"seed {cell.seed}"]
+    return " / ".join(part for part in parts if part)
+
+
+def group_name(group: Group) -> str:
+    """A group's name for people."""
+    text = settings_text(varied(group.agent, group.task, group.hyperparameters)).replace("=", " ")
+    parts = [_short(group.agent), _short(group.task), group.source if group.source != "none" else "", text]
+    return " / ".join(part for part in parts if part and part != "-")
+
+
+def _short(task: str) -> str:
+    return short(task).replace("=", " ").replace("[", "(").replace("]", ")").replace(":", " ")
+
+
+def shared(groups: Sequence[Group]) -> dict[str, Any]:
+    """The hyperparameters beside the defaults that all of several groups have in common."""
+    every = [varied(group.agent, group.task, group.hyperparameters) for group in groups]
+    if len(every) < 2:
+        return {}
+    return {name: value for name, value in every[0].items() if all(other.get(name) == value for other in every)}
+
+
+def signed(value: float, digits: int = 0) -> str:
+    """Return a number with its sign; one that rounds to 0 gets one digit more, so that -0.4 does not read as 0."""
+    if round(value, digits) == 0 and abs(value) > NOTHING:
+        digits += 1
+    return f"{value if abs(value) > NOTHING else 0.0:+.{digits}f}"

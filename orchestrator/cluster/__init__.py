@@ -1,0 +1,1 @@
+"""Ray: joining a cluster, its nodes, and jobs."""

@@ -1,0 +1,28 @@
+"""The resources of a cell, and those of this machine."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What a cell gets of the cluster; fractions let several share a CPU or a GPU."""
+
+    cpus: float = 1.0
+    gpus: float = 0.0
+    memory_gib: float = 0.0
+    """0: not accounted for."""
+
+    def request(self) -> dict[str, float]:
+        """As Ray takes it: CPU, GPU, and memory in bytes; what is 0 is left out."""
+        wanted = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * 2**30}
+        return {name: amount for name, amount in wanted.items() if amount}
+
+
+def own_cpus() -> int:
+    """The CPUs that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,0 +1,1 @@
+"""A sweep's session: stages, work queue, executors, early stopping, display."""

@@ -1,0 +1,130 @@
+"""The display of a running sweep: a live line in a terminal, a calm one now and then in a log file."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, ProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bars
+
+from orchestrator.results import progress
+from orchestrator.results.driver_log import Journal
+from orchestrator.results.progress import Progress, Snapshot
+from orchestrator.results.record import Record
+from trainables.storage.paths import is_local
+
+LOG_EVERY = 15.0
+"""Seconds between lines where there is no terminal, and in the sweep's log."""
+
+
+def bars(console: Console) -> Bars:
+    """The live line."""
+    columns: list[ProgressColumn] = [TextColumn("[bold]{task.description}"), BarColumn(bar_width=24)]
+    columns += [TextColumn("{task.fields[ended]}/{task.total}"), TextColumn("{task.fields[counts]}")]
+    columns += [TimeElapsedColumn(), *(TextColumn(f"{{task.fields[{name}]}}") for name in ("rate", "left", "best"))]
+    return Bars(*columns, console=console, refresh_per_second=4)
+
+
+def fields(snapshot: Snapshot) -> dict[str, Any]:
+    """What the live line shows of a snapshot."""
+    return {
+        "description": snapshot.stage,
+        "total": snapshot.total,
+        "completed": snapshot.share * snapshot.total,
+        "ended": snapshot.ended,
+        "counts": snapshot.counts(),
+        "rate": snapshot.rate(),
+        "left": snapshot.left(),
+        "best": snapshot.best,
+    }
+
+
+class Display:
+    """Shows one stage: done, running, failed, left; time to go; the best cell so far. Also into the sweep's log."""
+
+    def __init__(self, console: Console, stage: str, total: int, folder: Path) -> None:
+        self._console, self._folder = console, folder
+        self._progress = Progress(stage, total)
+        self._journal = Journal(folder)
+        self._logged = self._written = self._shown = time.monotonic()
+        self._write_every = 2.0 if is_local(folder) else LOG_EVERY
+        self._bars = bars(console)
+        empty = fields(self._progress.snapshot()) | {"counts": "starting workers"}
+        self._bar = self._bars.add_task(**empty)
+
+    def __enter__(self) -> Display:
+        if self._console.is_terminal:
+            self._bars.start()
+        self._journal.write(f"{self._progress.stage}: {self._progress.total} cells to run")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        snapshot = self._progress.snapshot()
+        self._bars.update(self._bar, **fields(snapshot))
+        if self._console.is_terminal:
+            self._bars.stop()
+        else:
+            self._console.print(snapshot.line(), soft_wrap=True)
+        self._journal.write(snapshot.line())
+        self._journal.close()
+        progress.write(self._folder, snapshot)
+
+    def ended(self, record: Record) -> None:
+        """Count an ended cell."""
+        self._progress.ended(record)
+        if record.status == "failed":
+            cell = record.cell
+            self._journal.write(f"failed: {cell.id} {cell.agent} on {cell.task}, seed {cell.seed}: {record.error}")
+        self._show()
+
+    def progress(self, cell: str, share: float, step: int, greedy_return: float) -> None:
+        """Take in how much of a long cell is done."""
+        self._progress.share(cell, share, step)
+        self._show()
+
+    def over(self, cell: str) -> None:
+        """A cell is no longer at work."""
+        self._progress.over(cell)
+
+    def running(self, packs: int) -> None:
+        """Take in how many workers are at work."""
+        self._progress.running(packs)
+        self._show()
+
+    def note(self, text: str) -> None:
+        """Say something that happened."""
+        self._journal.write(text)
+        self._console.print(text, soft_wrap=True, style="yellow")
+
+    def abandon(self, address: str) -> None:
+        """End this process: the cluster's head is gone, and Ray hangs without it. All ended cells are on disk."""
+        text = f"the head of the Ray cluster at {address} is gone; ended cells are kept, the same command goes on"
+        self._journal.write(text)
+        self._journal.close()
+        self._bars.stop()
+        print(f"error: {text}", file=sys.stderr, flush=True)
+        os._exit(1)
+
+    def _show(self) -> None:
+        now = time.monotonic()
+        if now - self._shown < 0.1:
+            return
+        self._shown = now
+        snapshot = self._progress.snapshot()
+        self._bars.update(self._bar, **fields(snapshot))
+        if now - self._written > self._write_every:
+            self._written = now
+            progress.write(self._folder, snapshot)
+        if now - self._logged > LOG_EVERY:
+            self._logged = now
+            self._journal.write(snapshot.line())
+            if not self._console.is_terminal:
+                self._console.print(snapshot.line(), soft_wrap=True)

@@ -1,0 +1,139 @@
+"""What a running sweep knows of its cells: which are planned, which have ended, and what came of them."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import pandas as pd
+
+from orchestrator.planning.arms import Pair, key_of
+from orchestrator.planning.source_choice import SourceRun
+from orchestrator.results.provenance import commit, versions
+from orchestrator.results.record import Record
+from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.sources.library import SourceLibrary
+from search_spaces.search_space import SearchSpace
+from trainables.cell import Cell
+from trainables.curve import auc
+from trainables.knowledge import Knowledge
+
+
+class Ledger:
+    """The one writer of a sweep's records and of the source library."""
+
+    def __init__(self, results: Results, retry_failed: bool, space: SearchSpace | None = None) -> None:
+        """space: what is asked for; default: what the folder of `results` says."""
+        self.library = SourceLibrary(results.storage)
+        self.checkpoints = results.folder / "checkpoints"
+        self._results = results
+        self._retry_failed = retry_failed
+        self._stops = (space or results.space()).search.scheduler is not None
+        self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in results.plan().items()}
+        self._heads = results.heads()
+        self._new: set[str] = set()
+
+    def plan(self, stage: str, cells: Iterable[Cell]) -> list[Cell]:
+        """Write down the cells of a stage; each once."""
+        self._plan[stage] = {cell.id: cell for cell in cells}
+        self._results.set_plan({name: list(planned.values()) for name, planned in self._plan.items()})
+        return self.planned(stage)
+
+    def planned(self, stage: str) -> list[Cell]:
+        """The cells of a stage as known now, those that a search has asked for included."""
+        return list(self._plan.get(stage, {}).values())
+
+    def ended(self, cell: Cell, keep: bool = False) -> bool:
+        """Whether there is nothing more to run. `keep`: the cell's knowledge must be in the library too."""
+        if keep and cell.id not in self._heads:
+            self._take_over(cell)
+        head = self._heads.get(cell.id)
+        if head is None:
+            return False
+        if head.status == "failed":
+            return cell.id in self._new or not self._retry_failed
+        if head.status == "stopped":
+            return self._stops  # without a scheduler it is wanted whole
+        return not keep or self.library.has(cell.id)
+
+    def _take_over(self, cell: Cell) -> None:
+        """The record of a source that another sweep of this storage has trained, where there is one."""
+        record = self.library.record(cell.id)
+        if record is not None and record.status == "done":
+            self._results.add(record)
+
+    def new(self, cell: Cell) -> bool:
+        """Whether the cell has ended in this run."""
+        return cell.id in self._new
+
+    def source_run(self, cell: Cell) -> SourceRun:
+        """What stage 2 needs to know of a done cell of stage 1."""
+        summary = self._heads[cell.id].summary
+        return SourceRun(cell, float(summary["best_return"] or 0), self._auc(cell), int(summary["steps"] or 0))
+
+    def score(self, cells: Sequence[Cell]) -> float | None:
+        """Mean AUC of a configuration's cells; None where one is not done."""
+        heads = [self._heads.get(cell.id) for cell in cells]
+        if not all(head is not None and head.status == "done" for head in heads):
+            return None
+        return auc([self._auc(cell) for cell in cells])
+
+    def scores(self, pair: Cell) -> list[list[float]]:
+        """The mean of the greedy returns so far, by evaluation, of every configuration of a pair that has ended."""
+        groups: dict[str, list[Cell]] = defaultdict(list)
+        for head in self._heads.values():
+            if key_of(head.cell) == key_of(pair) and head.status in ("done", "stopped"):
+                groups[head.cell.group].append(head.cell)
+        return [self._means(cells) for cells in groups.values()]
+
+    def take(self, stage: str, outcomes: Sequence[dict[str, Any]]) -> list[Record]:
+        """Put the outcomes of cells on disk: first what they have learned, then their records, which are returned.
+
+        A cell that is done already, which a trial that was started again after its worker was lost tells a second
+        time, is left out.
+        """
+        records = []
+        for outcome in outcomes:
+            cell = Cell.from_json(outcome["cell"])
+            if cell.id in self._new and self._heads[cell.id].status == "done":
+                continue
+            fields = {key: value for key, value in outcome.items() if key not in ("cell", "knowledge")}
+            record = Record(cell=cell, finished=time.time(), versions=versions(), commit=commit(), **fields)
+            if outcome["knowledge"] is not None:
+                self.library.save(cell, Knowledge.from_bytes(outcome["knowledge"])[0], record)
+            records.append(record)
+        if records:
+            self._results.add(*records)
+        for record in records:
+            (self.checkpoints / f"{record.cell.id}.checkpoint").unlink(missing_ok=True)
+            self._new.add(record.cell.id)
+            self._plan[stage][record.cell.id] = record.cell
+        return records
+
+    def searched(self, pair: Pair) -> list[Cell]:
+        """The cells that a search of this pair has asked for in earlier runs."""
+        return [head.cell for head in self._heads.values() if pair.owns(head.cell)]
+
+    def table(self, cells: Iterable[Cell], stage: str) -> pd.DataFrame:
+        """The cells table of some cells."""
+        return pd.DataFrame([cell_row(stage, cell, self._heads.get(cell.id)) for cell in cells])
+
+    @property
+    def damaged(self) -> str:
+        """Where records are damaged, in words; empty where none is."""
+        places = self._results.log.damaged
+        return f"{len(places)} damaged records ({'; '.join(places[:3])})" if places else ""
+
+    def close(self) -> None:
+        """Merge what this run has appended."""
+        self._results.log.compact()
+
+    def _auc(self, cell: Cell) -> float:
+        return float(self._heads[cell.id].summary["auc"] or 0)
+
+    def _means(self, cells: Iterable[Cell]) -> list[float]:
+        curves = [record.returns for cell in cells if (record := self._results.log.record(cell.id))]
+        length = min(map(len, curves))
+        return [auc([auc(returns[:stop]) for returns in curves]) for stop in range(1, length + 1)]

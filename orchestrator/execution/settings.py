@@ -1,0 +1,46 @@
+"""How a sweep is to run, and what a run of it did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from orchestrator.cluster.resources import Resources
+from orchestrator.planning.arms import Params
+from orchestrator.planning.source_choice import Runs
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a sweep runs; nothing here decides a result but `params`, which settles hyperparameters, and `given`."""
+
+    workers: int | None = None
+    """Cells at a time; None: as many as there are CPUs for."""
+    address: str | None = None
+    """A running Ray cluster; None: this machine."""
+    retry_failed: bool = False
+    checkpoint_seconds: float = 5.0
+    """Time between the checkpoints of a long cell."""
+    time_limit: float | None = None
+    """Seconds that a cell may take; what takes longer fails."""
+    resources: Resources = field(default_factory=Resources)
+    params: Params = field(default_factory=dict)
+    given: Runs = field(default_factory=dict)
+    """Sources that are not trained here."""
+
+
+@dataclass
+class Tally:
+    """What a run of a sweep did."""
+
+    ran: int = 0
+    failed: int = 0
+    stopped: int = 0
+    """Cells that a scheduler ended early."""
+    reused: int = 0
+    """Cells that had ended before."""
+    training_seconds: float = 0.0
+    """Summed over the cells that ran."""
+    seconds: float = 0.0
+    workers: int = 0
+    left: int = 0
+    """Cells that an interruption has left."""

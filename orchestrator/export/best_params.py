@@ -1,0 +1,94 @@
+"""The best hyperparameters as YAML that a later sweep accepts, and the reading of such a file."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.selection import RULE, Selected
+from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
+from orchestrator.planning.arms import Key, Params
+from orchestrator.results.provenance import commit, versions
+from search_spaces.loading import read_yaml
+from trainables.agents.registry import agent_named
+from trainables.errors import InputError
+from trainables.storage.atomic import write_atomic
+from trainables.storage.folders import make_folder
+from trainables.tasks.registry import parse_task
+
+SCHEMA = 1
+
+
+def best(findings: Findings) -> dict[str, Any]:
+    """The best hyperparameters per task, agent and source, as plain data."""
+    cells, selected = findings.cells, findings.selected
+    wanted = dict.fromkeys((group.task, group.agent, group.source) for group in findings.groups)
+    return {
+        "schema": SCHEMA,
+        "sweep": findings.results.name,
+        "rule": RULE,
+        "interval": f"{LEVEL:.0%}: Student's t for means and differences, Fieller for transfer ratios",
+        "commit": commit(),
+        "versions": versions(),
+        "cells": {str(key): int(n) for key, n in cells["status"].value_counts().items()} if len(cells) else {},
+        "best": [_entry(selected[key]) for key in wanted if key in selected],
+        "without_complete_configuration": [list(key) for key in wanted if key not in selected],
+    }
+
+
+def write_best(findings: Findings, path: Path) -> dict[str, Any]:
+    """Write `best` as YAML to `path`; InputError where that cannot be written, or nothing is complete yet."""
+    data = best(findings)
+    if not data["best"]:
+        name = findings.results.name
+        raise InputError(f"the sweep '{name}' has no configuration whose every seed is done: run it first")
+    make_folder(path.absolute().parent)
+    write_atomic(path.absolute(), yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120).encode())
+    return data
+
+
+def read_params(path: Path) -> Params:
+    """The hyperparameters in a file that `write_best` wrote, by (task, agent, source); InputError if it is not one."""
+    data = read_yaml(path)
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA or not isinstance(data.get("best"), list):
+        raise InputError(f"{path}: not a file of best hyperparameters (schema {SCHEMA}, written by 'deltatune export')")
+    params: dict[Key, dict[str, Any]] = {}
+    for number, entry in enumerate(data["best"]):
+        try:
+            task, agent = parse_task(entry["task"]), agent_named(entry["agent"])
+            values = agent.resolve(task, entry["hyperparameters"]).model_dump()
+            params[task.name, agent.name, str(entry["source"])] = values
+        except (KeyError, TypeError, AttributeError) as error:
+            raise InputError(
+                f"{path}: best.{number} lacks a task, agent, source or hyperparameters ({error})"
+            ) from None
+        except InputError as error:
+            raise InputError(f"{path}: best.{number}: {error}") from None
+    return params
+
+
+def _entry(selected: Selected) -> dict[str, Any]:
+    group = selected.best
+    comparison = group.against_base
+    return {
+        "task": group.task,
+        "agent": group.agent,
+        "source": group.source,
+        "source_task": group.source_task,
+        "hyperparameters": dict(group.hyperparameters),
+        "auc": {**_estimate(group.auc), "sd": group.auc_sd},
+        "transfer_ratio": _estimate(comparison.transfer_ratio) if comparison else None,
+        "difference": _estimate(comparison.difference) if comparison else None,
+        "seeds": list(group.seeds),
+        "configurations": selected.tried,
+        "configurations_left_out": selected.left_out,
+        "ties": [dict(tie.hyperparameters) for tie in selected.ties],
+    }
+
+
+def _estimate(estimate: Estimate | TransferRatio | None) -> dict[str, Any]:
+    return {} if estimate is None else {key: value for key, value in asdict(estimate).items() if value is not None}

@@ -1,0 +1,81 @@
+"""Table 1 as LaTeX, with the rules of the package booktabs."""
+
+from __future__ import annotations
+
+import re
+
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from orchestrator.analysis.labels import settings_text, signed, varied
+from orchestrator.analysis.paper_table1 import same_row
+from orchestrator.analysis.statistics import LEVEL
+
+SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "|": r"\textbar{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    **{character: f"\\{character}" for character in "&%$#_{}"},
+}
+"""Characters that mean something to LaTeX, and how they are written."""
+
+
+def escape(text: str) -> str:
+    """Text that LaTeX prints as it is; line ends become spaces."""
+    flat = " ".join(text.split())
+    return re.sub("[" + re.escape("".join(SPECIAL)) + "]", lambda match: SPECIAL[match[0]], flat)
+
+
+def table_1(findings: Findings) -> str:
+    """The best configuration of each agent on each task; the paper's own numbers in a last column where it has any."""
+    best = findings.best
+    paper = any(same_row(group) for group in best)
+    head = [
+        "Agent",
+        "Seeds",
+        "AUC",
+        r"$tr$ (\%)",
+        "Difference",
+        r"$P(\mathrm{improvement})$",
+        *(["Paper"] if paper else []),
+    ]
+    lines = [rf"% {escape(findings.results.name)}: needs \usepackage{{booktabs}}", r"\begin{table}", r"\centering"]
+    level = rf"{LEVEL * 100:.0f}\,\%"
+    caption = f"{escape(findings.results.name)}: AUC, mean (sd) over seeds, and transfer with {level} intervals."
+    lines += [rf"\caption{{{caption}}}", rf"\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}", r"\toprule"]
+    lines.append(" & ".join(head) + r" \\")
+    for task in dict.fromkeys(group.task for group in best):
+        lines += [r"\midrule", rf"\multicolumn{{{len(head)}}}{{l}}{{{escape(task)}}} \\"]
+        lines += [" & ".join(_row(group, paper)) + r" \\" for group in best if group.task == task]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""])
+
+
+def _row(group: Group, paper: bool) -> list[str]:
+    own = settings_text(varied(group.agent, group.task, group.hyperparameters))
+    name = group.agent + ("" if group.source == "none" else f", {group.source}") + ("" if own == "-" else f" ({own})")
+    auc = f"{_number(group.auc.value, 2)} ({group.auc_sd:.2f})" if group.auc else "--"
+    cells = [r"\quad " + escape(name), str(len(group.seeds)), auc, *_transfer(group)]
+    row = same_row(group)
+    return cells + ([f"{_number(row.auc, 2)} ({row.sd:g})" if row else "--"] if paper else [])
+
+
+def _transfer(group: Group) -> list[str]:
+    """Transfer ratio, difference and probability of improvement."""
+    against = group.against_base
+    if against is None:
+        return ["--"] * 3
+    ratio, gap, chance = against.transfer_ratio, against.difference, against.probability_of_improvement
+    shown = "undefined" if ratio.value is None else _interval(ratio.value, ratio.low, ratio.high, 0, 100)
+    return [shown, _interval(gap.value, gap.low, gap.high, 1), _interval(chance.value, chance.low, chance.high, 2)]
+
+
+def _interval(value: float, low: float | None, high: float | None, digits: int, scale: float = 1) -> str:
+    ends = "" if low is None or high is None else f" [{_number(scale * low, digits)}, {_number(scale * high, digits)}]"
+    return _number(scale * value, digits) + ends
+
+
+def _number(value: float, digits: int) -> str:
+    """Return a number with LaTeX's minus, and no plus, rounded as in the other tables."""
+    return f"${signed(value, digits).removeprefix('+')}$"

@@ -1,0 +1,91 @@
+"""The best hyperparameters as keyword arguments of stable-baselines3's DQN, and what that does not have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from trainables.agents.registry import AGENTS
+
+SAME = {
+    "learning_rate": "learning_rate",
+    "replay_capacity": "buffer_size",
+    "batch_size": "batch_size",
+    "gamma": "gamma",
+    "target_update": "target_update_interval",
+    "epsilon_start": "exploration_initial_eps",
+    "epsilon_end": "exploration_final_eps",
+    "max_gradient_norm": "max_grad_norm",
+    "device": "device",
+}
+"""Our name to theirs, where both mean the same."""
+
+ELSEWHERE = {
+    "initialisation": "Xavier here; stable-baselines3 keeps PyTorch's own",
+    "epsilon_decay": "exponential here; exploration_fraction is the linear fall of the same mean, or else the slowest",
+    "evaluate_every": "give it to an EvalCallback",
+    "evaluation_episodes": "give it to an EvalCallback",
+    "episodes": "give total_timesteps, the mean over seeds of the steps taken here, to learn()",
+}
+"""What every deep agent has and DQN's arguments do not, and where it goes."""
+
+ADVICE = "stable-baselines3 has no transfer: without it this is plain DQN"
+
+
+def dqn_arguments(findings: Findings) -> dict[str, Any]:
+    """The best configuration of each deep agent, task and source as `DQN("MlpPolicy", env, **entry["kwargs"])`."""
+    steps = {}
+    if "steps" in findings.cells:
+        done = findings.cells[findings.cells["status"] == "done"]
+        steps = done.groupby("group")["steps"].mean().to_dict()
+    deep = [group for group in findings.best if AGENTS[group.agent].kind == "deep"]
+    return {
+        "schema": 1,
+        "sweep": findings.results.name,
+        "use": 'stable_baselines3.DQN("MlpPolicy", env, **entry["kwargs"]).learn(entry["total_timesteps"])',
+        "dqn": [_entry(group, steps.get(group.id)) for group in deep],
+    }
+
+
+def _entry(group: Group, steps: float | None) -> dict[str, Any]:
+    return {
+        "task": group.task,
+        "agent": group.agent,
+        "source": group.source,
+        "kwargs": _arguments(group.hyperparameters, steps),
+        "total_timesteps": round(steps) if steps is not None else None,
+        "without_counterpart": _lost(group.hyperparameters),
+    }
+
+
+def _arguments(values: Mapping[str, Any], steps: float | None) -> dict[str, Any]:
+    arguments = {theirs: values[ours] for ours, theirs in SAME.items()}
+    arguments |= {"learning_starts": values["batch_size"] - 1, "train_freq": 1, "gradient_steps": 1, "tau": 1.0}
+    arguments["exploration_fraction"] = _exploration_fraction(values, steps)
+    arguments["policy_kwargs"] = {"net_arch": [values["hidden_size"]] * values["hidden_layers"]}
+    bootstrap = values["truncation"] == "bootstrap"
+    return arguments | {"replay_buffer_kwargs": {"handle_timeout_termination": bootstrap}}
+
+
+def _exploration_fraction(values: Mapping[str, Any], steps: float | None) -> float:
+    """Share of training for a linear epsilon with the mean of exp(-n / epsilon_decay); 1 where there is none."""
+    length = values["episodes"] if values["epsilon_unit"] == "episodes" else steps
+    if not length:
+        return 1.0
+    decays = length / values["epsilon_decay"]
+    return float(min(1.0, 2 * (1 - math.exp(-decays)) / decays))
+
+
+def _lost(values: Mapping[str, Any]) -> dict[str, str]:
+    """Each of our settings that DQN's arguments cannot say, with what happens instead."""
+    lost = dict(ELSEWHERE)
+    if values["loss"] == "squared":
+        lost["loss"] = "squared here; stable-baselines3 always has the Huber loss"
+    if values["module"]:
+        lost["module"] = f"{values['module']} here; a feature extractor has to be written for stable-baselines3"
+    return lost | {
+        name: ADVICE for name in ("advice_fraction", "delta_learning_rate", "evaluation_policy") if name in values
+    }

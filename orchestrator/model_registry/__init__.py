@@ -1,0 +1,1 @@
+"""Sources as registered models, and back."""

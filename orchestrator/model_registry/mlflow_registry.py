@@ -1,0 +1,207 @@
+"""Source knowledge in MLflow's Model Registry: a registered model per source task, a version per giver.
+
+A version holds the source's .npz and `registered_policy.py`; its tags say what it is (`Giver.tags`). The alias `best`
+is on the best version by `givers.standing`. A version is found again by its cell and digest, so registering
+twice changes nothing.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mlflow.artifacts import download_artifacts
+from mlflow.entities import LoggedModelOutput, Run
+from mlflow.entities.model_registry import ModelVersion
+from mlflow.exceptions import MlflowException
+from mlflow.tracking import MlflowClient
+
+from orchestrator.analysis.labels import cell_name, settings_text, varied
+from orchestrator.errors import SweepError
+from orchestrator.model_registry.source_models import (
+    Giver,
+    givers,
+    logged_name,
+    model_name,
+    read_steps,
+    standing,
+    steps_text,
+)
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking.uri import shown
+from trainables.errors import InputError
+from trainables.tasks.registry import parse_task
+
+ALIAS = "best"
+KNOWLEDGE = "source.npz"
+"""The artifact that a version's knowledge is kept in."""
+
+REQUIREMENTS = ["mlflow>=3.13", "numpy>=1.26"]
+"""What loading a version needs."""
+
+_CODE = Path(__file__).with_name("pyfunc_policy.py")
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """A version that was looked up."""
+
+    uri: str
+    """models:/NAME/VERSION."""
+    data: bytes
+    """The .npz."""
+    tags: Mapping[str, str]
+
+
+def register(results: Results, uri: str, parent: str) -> list[str]:
+    """Register the givers of a sweep, and put the alias on the best version of each source task: models:/NAME@best.
+
+    parent: the sweep's run, below which the givers' runs are. Raises MlflowException and OSError.
+    """
+    found = givers(results)
+    if not found:
+        return []
+    client = MlflowClient(uri)
+    below = client.get_run(parent)
+    names = list(dict.fromkeys(model_name(giver.cell.task) for giver in found))
+    for name in names:
+        own = [giver for giver in found if model_name(giver.cell.task) == name]
+        known = _model(client, name, own[0].cell.task)
+        for giver in own:
+            key = giver.cell.id, giver.knowledge.digest
+            version = known.get(key)
+            if version is None:
+                known[key] = _write(client, name, giver, below)
+            else:
+                _add_steps(client, version, giver)
+        _point(client, name, list(known.values()))
+    return [f"models:/{name}@{ALIAS}" for name in names]
+
+
+def register_now(results: Results, uri: str, parent: str) -> list[str]:
+    """`register` for a person who waits for it; SweepError where the store does not answer."""
+    try:
+        return register(results, uri, parent)
+    except (MlflowException, OSError) as error:
+        raise SweepError(f"the registry of {shown(uri)} cannot be written to: {str(error).splitlines()[0]}") from None
+
+
+def fetch(text: str, uri: str) -> Fetched:
+    """The version that models:/NAME@ALIAS or models:/NAME/VERSION names. Nothing in it is run.
+
+    Raises InputError where there is none, it is not one of ours, or MLflow does not answer.
+    """
+    name, at, alias = text.removeprefix("models:/").partition("@")
+    name, _, number = (name, "", "") if at else name.partition("/")
+    if not name or not (alias if at else number.isdigit()):
+        raise InputError(f"a registered source is models:/NAME@ALIAS or models:/NAME/VERSION (got '{text}')")
+    try:
+        client = MlflowClient(uri)
+        version = client.get_model_version_by_alias(name, alias) if at else client.get_model_version(name, number)
+        where = f"{client.get_model_version_download_uri(name, version.version)}/artifacts/{KNOWLEDGE}"
+        with tempfile.TemporaryDirectory(prefix="deltatune-") as folder:
+            path = download_artifacts(where, dst_path=folder, tracking_uri=uri)
+            return Fetched(f"models:/{name}/{version.version}", Path(path).read_bytes(), dict(version.tags))
+    except (MlflowException, OSError) as error:
+        raise InputError(f"'{text}' cannot be had from MLflow at {shown(uri)}: {str(error).splitlines()[0]}") from None
+
+
+def _model(client: MlflowClient, name: str, task: str) -> dict[tuple[str, str], ModelVersion]:
+    """The versions of a registered model by cell and digest; makes the model where it is missing."""
+    there = client.search_model_versions(f"name = '{name}'")
+    versions = {(v.tags["cell_id"], v.tags["digest"]): v for v in there if {"cell_id", "digest"} <= set(v.tags)}
+    if not versions:
+        try:
+            client.create_registered_model(name, {"task": task, "kind": "source"}, _model_text(name, task))
+        except MlflowException as error:
+            if error.error_code != "RESOURCE_ALREADY_EXISTS":
+                raise
+    return versions
+
+
+def _write(client: MlflowClient, name: str, giver: Giver, parent: Run) -> ModelVersion:
+    """A new version, and the logged model behind it, both linked to the run of the giver's cell."""
+    tags, experiment = giver.tags(parent.data.tags["sweep"]), str(parent.info.experiment_id)
+    condition = f"tags.cell_id = '{giver.cell.id}' and tags.`mlflow.parentRunId` = '{parent.info.run_id}'"
+    runs = client.search_runs([experiment], condition, max_results=1)
+    run = str((runs[0] if runs else parent).info.run_id)
+    logged = client.create_logged_model(experiment, logged_name(name), run, tags, model_type="source")
+    with tempfile.TemporaryDirectory(prefix="deltatune-") as folder:
+        client.log_model_artifacts(logged.model_id, str(_save(Path(folder), giver, logged.model_id, run)))
+    client.finalize_logged_model(logged.model_id, "READY")
+    client.log_outputs(run, [LoggedModelOutput(logged.model_id, 0)])
+    text = _version_text(name, giver)
+    where = logged.artifact_location
+    return client.create_model_version(name, where, run, tags, None, text, model_id=logged.model_id)
+
+
+def _save(folder: Path, giver: Giver, model_id: str, run: str) -> Path:
+    """The model's files in a folder below `folder`."""
+    from mlflow import pyfunc
+    from mlflow.models import Model, ModelSignature
+    from mlflow.types import ColSpec, Schema, TensorSpec
+
+    knowledge = folder / KNOWLEDGE
+    knowledge.write_bytes(giver.knowledge.to_bytes({"cell": giver.cell.to_json()}))
+    actions = Schema([TensorSpec(np.dtype(np.int64), (-1,))])
+    example: Any
+    if parse_task(giver.cell.task).tabular:
+        example, inputs = np.arange(2), Schema([TensorSpec(np.dtype(np.int64), (-1,))])
+    else:
+        size = int(giver.knowledge.arrays["sizes"][0])
+        example, inputs = np.zeros((2, size), np.float32), Schema([ColSpec("double") for _ in range(size)])
+    pyfunc.save_model(
+        folder / "model",
+        python_model=str(_CODE),
+        artifacts={"knowledge": str(knowledge)},
+        signature=ModelSignature(inputs, actions),
+        input_example=example,
+        pip_requirements=REQUIREMENTS,
+        mlflow_model=Model(model_id=model_id, run_id=run),
+    )
+    return folder / "model"
+
+
+def _add_steps(client: MlflowClient, version: ModelVersion, giver: Giver) -> None:
+    """The steps of seeds that the sweep has got since."""
+    before = version.tags.get("steps", "{}")
+    after = steps_text({**read_steps(before), **giver.steps})
+    if after != before:
+        client.set_model_version_tag(version.name, str(version.version), "steps", after)
+
+
+def _point(client: MlflowClient, name: str, versions: Sequence[ModelVersion]) -> None:
+    """Put the alias on the best version; of equal ones, on the oldest."""
+    oldest_first = sorted(versions, key=lambda version: int(version.version))
+    best = max(oldest_first, key=lambda version: standing(version.tags))
+    if client.get_registered_model(name).aliases.get(ALIAS) != str(best.version):
+        client.set_registered_model_alias(name, ALIAS, str(best.version))
+
+
+def _model_text(name: str, task: str) -> str:
+    """The description of a registered model."""
+    takes = "states (B,), int64" if parse_task(task).tabular else "observations (B, obs_dim), an array or a DataFrame"
+    return f"""Source knowledge of the task `{task}`. The alias `{ALIAS}` is on the version with the best
+{"AUC" if parse_task(task).tabular else "greedy evaluation, and of equals the best AUC"}.
+
+Greedy actions (B,) for {takes}; the model needs numpy and MLflow alone:
+
+```python
+mlflow.pyfunc.load_model("models:/{name}@{ALIAS}").predict(observations)
+```
+
+As the source of a sweep, in place of its first stage: `deltatune sweep SPACE --source models:/{name}@{ALIAS}`
+"""
+
+
+def _version_text(name: str, giver: Giver) -> str:
+    """The description of a version."""
+    cell, returns = giver.cell, giver.record.returns
+    return (
+        f"{cell_name(cell)}: {settings_text(varied(cell.agent, cell.task, cell.hyperparameters))}; "
+        f"best greedy evaluation {max(returns):.2f}, last {returns[-1]:.2f}. Cell `{cell.id}`."
+    )

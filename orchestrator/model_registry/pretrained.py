@@ -1,0 +1,170 @@
+"""Sources that a sweep is given, in place of training them: versions of MLflow's registry, and files of a library."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from orchestrator.model_registry.source_models import read_steps
+from orchestrator.planning.source_choice import Runs, SourceRun
+from orchestrator.results.sweep_folder import NAMES, Results
+from orchestrator.sources.library import SourceLibrary
+from search_spaces.search_space import SearchSpace
+from trainables.cell import Cell
+from trainables.errors import InputError
+from trainables.knowledge import Knowledge
+from trainables.storage.atomic import write_atomic
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import parse_task
+from trainables.tasks.spec.family import Task
+
+
+@dataclass(frozen=True)
+class Given:
+    """A checked source."""
+
+    name: str
+    """models:/NAME/VERSION, or the file."""
+    cell: Cell
+    """The cell that trained it."""
+    knowledge: Knowledge
+    best_return: float
+    auc: float
+    """-inf where it is not known."""
+    steps: Mapping[int, int]
+    """Seed to T, the training steps of that seed's source run; its own for a seed that is not there."""
+
+    def run(self, seed: int) -> SourceRun:
+        """The source run that a target cell of this seed sees."""
+        own = int(self.knowledge.arrays.get("steps", 0))
+        return SourceRun(self.cell, self.best_return, self.auc, self.steps.get(seed, own))
+
+
+def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Given]:
+    """The sources called `names`: models:/NAME@ALIAS, models:/NAME/VERSION, or a file of a source library.
+
+    uri: the MLflow store that the first two are in. Raises InputError for one that is not there, is damaged, does not
+    fit its task, or is of no scenario of the space; and for two of one task that do not go together.
+    """
+    found = [_model(name, uri) if name.startswith("models:") else _file(Path(name)) for name in names]
+    wanted = [parse_task(s.source.task).name for s in space.scenarios if "learned" in s.source.kinds]
+    for given in found:
+        if given.cell.task not in wanted:
+            there = ", ".join(dict.fromkeys(wanted)) or "none"
+            raise InputError(
+                f"--source {given.name} was trained on {given.cell.task}, but the learned sources of {space.name} "
+                f"are of {there}"
+            )
+        _check_shape(given.name, given.knowledge, parse_task(given.cell.task))
+    _check_together(found)
+    return found
+
+
+def keep(found: Sequence[Given], results: Results) -> None:
+    """Put the sources into the library of a sweep, and write down that it was given them.
+
+    Raises InputError where the library holds other knowledge of the same cell.
+    """
+    library = SourceLibrary(results.storage)
+    for given in found:
+        if not library.has(given.cell.id):
+            library.save(given.cell, given.knowledge)
+        elif library.load(given.cell.id).digest != given.knowledge.digest:
+            raise InputError(f"{library.path(given.cell.id)} holds other knowledge of the same cell than {given.name}")
+    write_atomic(results.folder / NAMES, json.dumps([given.name for given in found]).encode())
+
+
+def runs(found: Sequence[Given], seeds: Sequence[int]) -> Runs:
+    """Whose knowledge each seed gets: one source of a task serves every seed, several serve their own."""
+    by_task: dict[str, dict[int, SourceRun]] = {}
+    for given in found:
+        alone = sum(other.cell.task == given.cell.task for other in found) == 1
+        serves = seeds if alone else [given.cell.seed]
+        by_task.setdefault(given.cell.task, {}).update({seed: given.run(seed) for seed in serves})
+    return by_task
+
+
+def _model(name: str, uri: str) -> Given:
+    from orchestrator.model_registry.mlflow_registry import fetch
+
+    version = fetch(name, uri)
+    given, tags = _given(name, version.data), version.tags
+    try:
+        steps, best, auc = read_steps(tags["steps"]), float(tags["best_return"]), float(tags["auc"])
+        digest = tags["digest"]
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{version.uri} was not registered by deltatune: its tags lack or spoil {error}") from None
+    if digest != given.knowledge.digest:
+        raise InputError(f"{version.uri} is damaged: its arrays do not agree with its tag 'digest'")
+    return Given(version.uri, given.cell, given.knowledge, best, auc, steps)
+
+
+def _file(path: Path) -> Given:
+    try:
+        return _given(str(path), path.read_bytes())
+    except OSError as error:
+        raise InputError(f"cannot read the source {path}: {error.strerror}") from None
+
+
+def _given(name: str, data: bytes) -> Given:
+    try:
+        knowledge, meta = Knowledge.from_bytes(data)
+        cell = Cell.from_json(meta.get("cell"))
+    except InputError as error:
+        raise InputError(f"{name} is no source: {error}") from None
+    best = knowledge.arrays.get("best_return")
+    return Given(name, cell, knowledge, -math.inf if best is None or best.ndim else float(best), -math.inf, {})
+
+
+def _check_shape(name: str, knowledge: Knowledge, task: Task) -> None:
+    """InputError for arrays that are no finite table or network of the task's shape."""
+    try:
+        if task.tabular:
+            dynamics = task.dynamics()
+            knowledge.q_table((dynamics.states, dynamics.actions))
+        else:
+            _check_network(knowledge.arrays, task)
+    except InputError as error:
+        raise InputError(f"{name} does not fit {task.name}: {error}") from None
+
+
+def _check_network(arrays: Mapping[str, np.ndarray[Any, Any]], task: Task) -> None:
+    from trainables.tasks.step_env import Environment
+
+    missing = {"sizes", "best", "last", "steps"} - set(arrays)
+    if missing:
+        raise InputError(f"it lacks the array {sorted(missing)[0]}")
+    for name, axes in (("sizes", 1), ("steps", 0)):
+        if arrays[name].dtype.kind != "i" or arrays[name].ndim != axes:
+            raise InputError(f"its array {name} is {arrays[name].dtype} of shape {arrays[name].shape}")
+    sizes, env = [int(size) for size in arrays["sizes"]], Environment(make_env(task))
+    if sizes and (sizes[0], sizes[-1]) != (env.inputs, env.actions):
+        raise InputError(
+            f"its network has {sizes[0]} inputs and {sizes[-1]} actions, not {env.inputs} and {env.actions}"
+        )
+    count = sum((n_in + 1) * n_out for n_in, n_out in itertools.pairwise(sizes))
+    for vector in (arrays["best"], arrays["last"]):
+        if vector.dtype != np.float32 or vector.ndim != 1 or (sizes and len(vector) != count):
+            raise InputError(f"its parameters are {vector.dtype} of shape {vector.shape}, not float32 of ({count},)")
+        if not np.isfinite(vector).all():
+            raise InputError("its network holds a NaN or an infinity")
+
+
+def _check_together(found: Sequence[Given]) -> None:
+    """Several sources of one task must differ in their seed, and in nothing else."""
+    first: dict[str, Given] = {}
+    for given in found:
+        other = first.setdefault(given.cell.task, given)
+        if other is not given and other.cell.group != given.cell.group:
+            raise InputError(f"--source {other.name} and {given.name} have different agents or hyperparameters")
+    pairs = [(given.cell.task, given.cell.seed) for given in found]
+    for given, pair in zip(found, pairs, strict=True):
+        if pairs.count(pair) > 1:
+            raise InputError(f"--source {given.name}: there are two of seed {given.cell.seed} on {given.cell.task}")

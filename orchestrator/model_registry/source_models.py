@@ -1,0 +1,104 @@
+"""The givers of a sweep: the source runs whose knowledge its transfers used, with what a registry says of them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from orchestrator.results.record import Record
+from orchestrator.results.sweep_folder import Results
+from orchestrator.sources.library import SourceLibrary
+from trainables.cell import Cell, content_id
+from trainables.curve import auc
+from trainables.knowledge import Knowledge
+from trainables.tasks.registry import parse_task
+
+LONGEST = 200
+"""Characters of a registered model's name at the most."""
+
+
+@dataclass(frozen=True)
+class Giver:
+    """A trained source that a sweep has used."""
+
+    cell: Cell
+    knowledge: Knowledge
+    record: Record
+    steps: Mapping[int, int]
+    """Seed to T, the training steps of that seed's own source run at these hyperparameters (eq. 6)."""
+
+    def tags(self, sweep: str) -> dict[str, str]:
+        """What the version's tags say; `steps` and `hyperparameters` are JSON."""
+        return {
+            "cell_id": self.cell.id,
+            "task": self.cell.task,
+            "agent": self.cell.agent,
+            "seed": str(self.cell.seed),
+            "hyperparameters": json.dumps(self.cell.hyperparameters, sort_keys=True),
+            "auc": repr(auc(self.record.returns)),
+            "best_return": repr(max(self.record.returns)),
+            "sweep": sweep,
+            "digest": self.knowledge.digest,
+            "steps": steps_text(self.steps),
+            "commit": self.record.commit,
+        }
+
+
+def steps_text(steps: Mapping[int, int]) -> str:
+    """Seed to steps as JSON, in the order of the seeds."""
+    return json.dumps({str(seed): steps[seed] for seed in sorted(steps)})
+
+
+def read_steps(text: str) -> dict[int, int]:
+    """What `steps_text` wrote; ValueError for anything else."""
+    data = json.loads(text)
+    if not isinstance(data, dict):
+        raise ValueError(f"steps must be an object (got {text})")
+    return {int(seed): int(steps) for seed, steps in data.items()}
+
+
+def givers(results: Results) -> list[Giver]:
+    """The givers of a sweep, in the order of its plan.
+
+    Left out are sources that this sweep has not trained itself, and modules of the user's own, which only their
+    factory can build.
+    """
+    plan, library = results.plan(), SourceLibrary(results.storage)
+    used = {source.cell_id for cell in plan.get("transfer", ()) for source in cell.sources}
+    records = [results.record(cell.id) for cell in plan.get("source", ())]
+    done = [record for record in records if record is not None and record.status == "done"]
+    found = []
+    for record in (record for record in done if record.cell.id in used and library.has(record.cell.id)):
+        knowledge = library.load(record.cell.id)
+        if "sizes" in knowledge.arrays and not knowledge.arrays["sizes"].size:
+            continue
+        group = [other for other in done if other.cell.group == record.cell.group]
+        steps = {other.cell.seed: int(other.points["step"][-1] or 0) for other in group}
+        found.append(Giver(record.cell, knowledge, record, steps))
+    return found
+
+
+def model_name(task: str) -> str:
+    """The name of the registered model of a source task, in letters, digits, dots, dashes and underscores.
+
+    deltatune-cartpole, deltatune-windy_gridworld-wind-reversed; a name that this would not tell from another's, or
+    that is too long, ends in a hash of the task's.
+    """
+    text = re.sub(r"[:=,]", "-", task)
+    if re.fullmatch(r"[A-Za-z0-9_.-]+", text) and "-" not in task and len(text) <= LONGEST:
+        return f"deltatune-{text}"
+    text = re.sub(r"[^A-Za-z0-9_.]+", "-", text)[: LONGEST - 9].strip("-")
+    return f"deltatune-{text}-{content_id(task)[:8]}"
+
+
+def logged_name(name: str) -> str:
+    """Return the name of the logged model behind a registered one: MLflow refuses a dot in it, and finds it by id."""
+    return name.replace(".", "-")
+
+
+def standing(tags: Mapping[str, str]) -> tuple[float, ...]:
+    """What the best version of a task is chosen by: tabular, AUC; deep, the best greedy evaluation and then AUC."""
+    score = float(tags["auc"])
+    return (score,) if parse_task(tags["task"]).tabular else (float(tags["best_return"]), score)

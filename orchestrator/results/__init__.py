@@ -1,0 +1,1 @@
+"""Records, tables, lock: the truth on disk."""

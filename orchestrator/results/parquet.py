@@ -1,0 +1,118 @@
+"""The results tables as Parquet files, written piece by piece, each with a stamp of what it was drawn from."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from orchestrator.results.record import Record
+from trainables.storage.paths import is_local
+
+STAMP = b"deltatune.stamp"
+
+ROWS = 200_000
+"""Rows that are held in memory while the points are written."""
+
+_INTEGERS = ("episode", "step")
+
+
+def write_table(path: Path, table: pd.DataFrame, stamp: str) -> None:
+    """Write a table whole."""
+    arrow = pa.Table.from_pandas(table, preserve_index=False)
+    arrow = arrow.replace_schema_metadata({**(arrow.schema.metadata or {}), STAMP: stamp.encode()})
+    with tempfile.TemporaryDirectory(dir=_near(path)) as folder:
+        pq.write_table(arrow, Path(folder) / path.name)
+        _put(Path(folder) / path.name, path)
+
+
+def write_points(path: Path, records: Iterable[Record], stamp: str) -> None:
+    """The curves of `records` one after the other: a row per cell and evaluation point, None where one lacks a column.
+
+    The columns are those of any record, so that the pieces are joined at the end; memory stays bounded by ROWS.
+    """
+    with tempfile.TemporaryDirectory(dir=_near(path)) as folder:
+        pieces = list(_pieces(records, Path(folder)))
+        fields = {name: None for piece in pieces for name in pq.read_schema(piece).names}
+        names = ["cell_id", *(name for name in fields if name != "cell_id")]
+        schema = pa.schema([(name, _type(name)) for name in names], metadata={STAMP: stamp.encode()})
+        with pq.ParquetWriter(Path(folder) / path.name, schema) as writer:
+            for piece in pieces:
+                writer.write_table(_filled(pq.read_table(piece), schema))
+        _put(Path(folder) / path.name, path)
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """A table that was written by the above."""
+    return pd.read_parquet(path if is_local(path) else io.BytesIO(path.read_bytes()))
+
+
+def table_stamp(path: Path) -> str | None:
+    """What `path` was drawn from; None where it is missing or unreadable."""
+    try:
+        with path.open("rb") as file:
+            metadata = pq.read_schema(file).metadata or {}
+    except (OSError, pa.ArrowException):
+        return None
+    return metadata[STAMP].decode() if STAMP in metadata else None
+
+
+def _pieces(records: Iterable[Record], folder: Path) -> Iterable[Path]:
+    """The curves in files of about ROWS rows, each with the columns that it needs."""
+    batch: list[Record] = []
+    rows = 0
+    for record in records:
+        batch.append(record)
+        rows += len(record.points["episode"])
+        if rows >= ROWS:
+            yield _write_piece(batch, folder)
+            batch, rows = [], 0
+    if batch:
+        yield _write_piece(batch, folder)
+
+
+def _write_piece(batch: list[Record], folder: Path) -> Path:
+    names = list(dict.fromkeys(name for record in batch for name in record.points))
+    columns: dict[str, list[Any]] = {name: [] for name in names}
+    ids: list[str] = []
+    for record in batch:
+        length = len(record.points["episode"])
+        ids += [record.cell.id] * length
+        for name in names:
+            columns[name] += record.points.get(name, [None] * length)
+    arrays = {"cell_id": pa.array(ids), **{name: pa.array(v, _type(name)) for name, v in columns.items()}}
+    path = folder / f"piece{len(list(folder.iterdir()))}.parquet"
+    pq.write_table(pa.table(arrays), path)
+    return path
+
+
+def _filled(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    columns = {
+        field.name: table[field.name] if field.name in table.column_names else pa.nulls(len(table), field.type)
+        for field in schema
+    }
+    return pa.table(columns, schema=schema)
+
+
+def _type(name: str) -> pa.DataType:
+    if name == "cell_id":
+        return pa.string()
+    return pa.int64() if name in _INTEGERS else pa.float64()
+
+
+def _near(path: Path) -> Path | None:
+    """Where to make a file that will take the place of `path`: on the same disk."""
+    return path.parent if is_local(path) else None
+
+
+def _put(made: Path, path: Path) -> None:
+    if is_local(path):
+        made.replace(path)
+    else:
+        path.write_bytes(made.read_bytes())

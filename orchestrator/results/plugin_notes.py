@@ -1,0 +1,54 @@
+"""A sweep's notes on the own tasks and agents in it, so that its results can be read where their code is not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from search_spaces.search_space import SearchSpace
+from trainables.agents.registry import agent_named
+from trainables.plugins import names
+from trainables.storage.atomic import write_atomic
+from trainables.tasks.registry import parse_task
+from trainables.tasks.spec.family import TaskFamily
+
+if TYPE_CHECKING:
+    from trainables.agents.agent import Agent
+from trainables.plugins.notes import remember
+
+FILE = "own.json"
+
+
+def keep(folder: Path, space: SearchSpace) -> None:
+    """Write the notes of every own task and agent of `space` into the sweep's folder; no file where there are none."""
+    tasks = [name for scenario in space.scenarios for name in (scenario.source.task, *scenario.targets)]
+    families = {parse_task(name).family.name: parse_task(name).family for name in tasks}
+    agents = {name: agent_named(name) for name in (*space.agents, *(s.source.agent for s in space.scenarios))}
+    bases = {agent.base: agent_named(agent.base) for agent in agents.values() if agent.base is not None}
+    things: dict[str, Any] = {**families, **agents, **bases}
+    notes = {name: note(thing) for name, thing in things.items() if thing.origin == "own"}
+    if notes:
+        write_atomic(folder / FILE, json.dumps({"schema": 1, **_read(folder), **notes}, indent=1).encode())
+
+
+def recall(folder: Path) -> None:
+    """Take the notes of a sweep's folder into account from now on. They are data: nothing of them is run."""
+    remember({name: note for name, note in _read(folder).items() if names.own(name) and isinstance(note, dict)})
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    try:
+        data = json.loads((folder / FILE).read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+def note(thing: TaskFamily | Agent) -> dict[str, Any]:
+    """What has to be known of own code to read its results without it, as plain data."""
+    if isinstance(thing, TaskFamily):
+        return {"tabular": thing.model is not None, "defaults": dict(thing.defaults)}
+    fields = thing.hyperparameters.model_fields
+    defaults = {name: None if field.is_required() else field.default for name, field in fields.items()}
+    return {"base": thing.base, "kind": thing.kind, "description": thing.description, "hyperparameters": defaults}

@@ -1,0 +1,141 @@
+"""How far a stage is: counted by its driver, written beside the records for those who watch from elsewhere."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from orchestrator.results.record import Record
+from trainables.curve import auc
+from trainables.plugins.names import short
+from trainables.storage.atomic import write_atomic
+
+FILE = ".progress.json"
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One moment of a stage."""
+
+    stage: str
+    total: int
+    done: int = 0
+    failed: int = 0
+    stopped: int = 0
+    running: int = 0
+    share: float = 0.0
+    """Of the stage's cells, the running ones' finished parts included: 0 to 1."""
+    steps_per_second: float | None = None
+    """Training steps of all workers together."""
+    seconds_left: float | None = None
+    best: str = ""
+    """The highest AUC so far, and whose."""
+    updated: float = 0.0
+    """Seconds since 1970."""
+
+    @property
+    def ended(self) -> int:
+        """Cells that have ended, in whatever way."""
+        return self.done + self.failed + self.stopped
+
+    def counts(self) -> str:
+        """'2 running, 0 failed', and what was stopped early, if any."""
+        stopped = f", {self.stopped} stopped early" if self.stopped else ""
+        return f"{self.running} running, {self.failed} failed{stopped}"
+
+    def rate(self) -> str:
+        """'12,300 steps/s'."""
+        return f"{self.steps_per_second:,.0f} steps/s" if self.steps_per_second else ""
+
+    def left(self) -> str:
+        """'about 4 min left'."""
+        if self.seconds_left is None or self.ended >= self.total:
+            return ""
+        for size, name in ((3600, "h"), (60, "min")):
+            if self.seconds_left >= 1.5 * size:
+                return f"about {self.seconds_left / size:.0f} {name} left"
+        return f"about {self.seconds_left:.0f} s left"
+
+    def line(self) -> str:
+        """The whole of it in one line."""
+        parts = [
+            f"{self.stage}: {self.ended} of {self.total} cells",
+            self.counts(),
+            self.rate(),
+            self.left(),
+            self.best,
+        ]
+        return ", ".join(part for part in parts if part)
+
+
+@dataclass
+class Progress:
+    """Counts what happens in a stage."""
+
+    stage: str
+    total: int
+    _count: dict[str, int] = field(default_factory=lambda: {"done": 0, "failed": 0, "stopped": 0})
+    _shares: dict[str, tuple[float, int]] = field(default_factory=dict)
+    """Running cell to (share, steps)."""
+    _steps: int = 0
+    _running: int = 0
+    _best: tuple[float, str] | None = None
+    _first: float | None = None
+
+    def ended(self, record: Record) -> None:
+        """Count an ended cell."""
+        self._first = self._first or time.monotonic() - record.seconds
+        self.over(record.cell.id)
+        self._count[record.status] += 1
+        self._steps += int((record.points["step"] or [0])[-1] or 0)
+        if record.status == "done":
+            score = auc(record.returns), short(f"{record.cell.agent} on {record.cell.task}")
+            self._best = max(self._best or score, score)
+
+    def over(self, cell: str) -> None:
+        """A cell is no longer at work."""
+        self._shares.pop(cell, None)
+
+    def running(self, packs: int) -> None:
+        """Take in how many workers are at work."""
+        self._running = packs
+
+    def share(self, cell: str, share: float, step: int) -> None:
+        """Take in how much of a long cell is done."""
+        self._first = self._first or time.monotonic()
+        self._shares[cell] = share, step
+
+    def snapshot(self) -> Snapshot:
+        """What there is to say now."""
+        passed = sum(self._count.values()) + sum(share for share, _ in self._shares.values())
+        seconds = time.monotonic() - self._first if self._first else 0.0
+        steps = self._steps + sum(step for _, step in self._shares.values())
+        return Snapshot(
+            stage=self.stage,
+            total=self.total,
+            **self._count,
+            running=self._running,
+            share=passed / self.total if self.total else 1.0,
+            steps_per_second=steps / seconds if seconds else None,
+            seconds_left=seconds / passed * (self.total - passed) if passed and seconds else None,
+            best=f"best AUC {self._best[0]:.1f} ({self._best[1]})" if self._best else "",
+            updated=time.time(),
+        )
+
+
+def write(folder: Path, snapshot: Snapshot) -> None:
+    """Put a snapshot beside the records; what cannot be written is left out, for it is no result."""
+    try:
+        write_atomic(folder / FILE, json.dumps(asdict(snapshot)).encode())
+    except OSError:
+        return
+
+
+def read(folder: Path) -> Snapshot | None:
+    """The last snapshot of a sweep, None where there is none."""
+    try:
+        return Snapshot(**json.loads((folder / FILE).read_text()))
+    except (OSError, ValueError, TypeError):
+        return None

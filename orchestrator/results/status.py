@@ -1,0 +1,43 @@
+"""How far the sweeps of a storage folder are, read from their records alone."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from orchestrator.results import progress
+from orchestrator.results.lock import driver
+from orchestrator.results.sweep_folder import Results
+
+KEYS = ("done", "failed", "stopped", "missing")
+"""What may have become of a cell."""
+
+
+def sweeps(storage: Path, name: str | None) -> list[Results]:
+    """The sweep called `name`, or all of a storage folder in order of their names."""
+    if name is not None:
+        return [Results.open(storage, name)]
+    return [Results(path.parent.resolve()) for path in sorted(storage.glob("*/sweep.json"))]
+
+
+def sweep_status(results: Results) -> dict[str, Any]:
+    """Counts by stage, the failures with their causes, the driver that is at it (None: none is), and how far it is."""
+    stages: dict[str, Counter[str]] = {stage: Counter() for stage in results.plan()}
+    failures = []
+    for stage, cell, record in results.ended():
+        stages[stage]["missing" if record is None else record.status] += 1
+        if record is not None and record.status == "failed":
+            failures.append(
+                {"cell_id": cell.id, "agent": cell.agent, "task": cell.task, "seed": cell.seed, "error": record.error}
+            )
+    who = driver(results.folder)
+    now = progress.read(results.folder) if who else None
+    return {
+        "sweep": results.name,
+        "folder": str(results.folder),
+        "stages": {stage: {key: count[key] for key in KEYS} for stage, count in stages.items()},
+        "failures": failures,
+        "driver": who,
+        "now": now.line() if now else None,
+    }

@@ -1,0 +1,108 @@
+"""Which sources of the library to follow on a target."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from orchestrator.sources.library import Entry
+from trainables.agents.registry import agent_named
+from trainables.errors import InputError
+from trainables.source_ranking.ranking import Bench, Ranked, Ranking, rank
+from trainables.tasks.registry import parse_task
+from trainables.tasks.spec.family import Task
+from trainables.tasks.step_env import task_shape
+
+
+@dataclass(frozen=True)
+class Found:
+    """A ranking of library sources."""
+
+    target: str
+    entries: tuple[Entry, ...]
+    """Those that fit, in the order of `Ranked.source`."""
+    ranking: Ranking
+    unfit: int
+    """Sources of other observations or actions, left out."""
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data."""
+        best = self.ranking.recommended
+        return {
+            "target": self.target,
+            "recommended": self.entries[best.source].id if best else None,
+            "random_return": self.ranking.random_return,
+            "steps": self.ranking.steps,
+            "left_out": self.unfit,
+            "sources": [self._row(ranked) for ranked in self.ranking.ranked],
+        }
+
+    def _row(self, ranked: Ranked) -> dict[str, Any]:
+        entry, target, floor = self.entries[ranked.source], ranked.target, ranked.floor
+        tried = ranked.high < float("inf")
+        return {
+            "id": entry.id,
+            "task": entry.cell.task,
+            "seed": entry.cell.seed,
+            "verdict": ranked.verdict,
+            "value": target.value if tried else None,
+            "low": ranked.low if tried else None,
+            "high": ranked.high if tried else None,
+            "promise": target.promise if tried else None,
+            "kept": ranked.kept[0] if tried else None,
+            "kept_low": ranked.kept[1] if tried else None,
+            "delta": target.delta,
+            "self_delta": floor.delta,
+            "self_path_delta": floor.path_delta,
+            "unseen": target.unseen,
+            "episodes": ranked.episodes,
+        }
+
+
+def rank_sources(target: str, entries: Sequence[Entry], episodes: int, seed: int) -> Found:
+    """Rank the sources that fit `target` by that many episodes of it.
+
+    Raises InputError where no source fits, or their discount factors differ.
+    """
+    if episodes < 2:
+        raise InputError(f"episodes must be at least 2 (got {episodes})")
+    task = parse_task(target)
+    shape = task_shape(task)
+    fitting = [entry for entry in entries if _fits(entry, task, shape)]
+    if not fitting:
+        what = "states" if task.tabular else "inputs"
+        raise InputError(
+            f"none of the {len(entries)} sources has {shape[0]} {what} and {shape[1]} actions like {target}"
+        )
+    gammas = {float(entry.cell.hyperparameters["gamma"]) for entry in fitting}
+    if len(gammas) > 1:
+        raise InputError(f"the sources have different discount factors ({', '.join(map(str, sorted(gammas)))})")
+    fitting.sort(key=lambda entry: entry.id)
+    ranking = rank(_bench(task, fitting, gammas.pop(), seed), len(fitting), episodes)
+    return Found(task.name, tuple(fitting), ranking, len(entries) - len(fitting))
+
+
+def _fits(entry: Entry, target: Task, shape: tuple[int, int]) -> bool:
+    source = parse_task(entry.cell.task)
+    kind = "tabular" if target.tabular else "deep"
+    same = source.family is target.family or (source.family.origin != "missing" and task_shape(source) == shape)
+    return same and agent_named(entry.cell.agent).kind == kind
+
+
+def _bench(task: Task, entries: Sequence[Entry], gamma: float, seed: int) -> Bench:
+    if task.tabular:
+        from trainables.source_ranking.tabular import TabularBench
+
+        shape = task_shape(task)
+        return TabularBench(task.name, [(e.cell.task, e.knowledge.q_table(shape)) for e in entries], gamma, seed)
+    from trainables.agents.hyperparameters import DQN
+    from trainables.networks.network import source_network
+    from trainables.source_ranking.deep import DeepBench
+
+    networks = []
+    for entry in entries:
+        settings = entry.cell.settings
+        assert isinstance(settings, DQN)
+        networks.append((entry.cell.task, source_network(entry.knowledge, "best", settings, *task_shape(task))))
+    return DeepBench(task.name, networks, gamma, seed)

@@ -1,0 +1,43 @@
+"""The description of a sweep in MLflow, as Markdown."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import yaml
+
+from orchestrator.analysis.groups import Group
+from orchestrator.analysis.summary_table import COLUMNS, row
+from orchestrator.results.sweep_folder import Results, options
+
+
+def markdown(results: Results, groups: Sequence[Group]) -> str:
+    """The description of a sweep's parent run: what was asked, the table, how to get it again."""
+    space = results.space()
+    lines = [f"# {results.name}", "", space.description or space.name, ""]
+    lines += [f"|{'|'.join(COLUMNS)}|", "|" + "---|" * len(COLUMNS)]
+    lines += _rows(groups)
+    lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
+    lines += [
+        f"Again: `deltatune sweep SPACE.yaml --name {results.name}{options(results)}`, with the search space below as "
+        "SPACE.yaml.",
+        "",
+    ]
+    lines += ["Leaderboard: *Views* above the runs table, or its filter `tags.kind = 'aggregate'` sorted by `auc`.", ""]
+    text = yaml.safe_dump(space.to_json(), sort_keys=False, width=110).rstrip()
+    lines += ["```yaml", text, "```"] if len(text) < TABLE_CHARACTERS / 2 else ["The search space is in `sweep.json`."]
+    return "\n".join(lines)
+
+
+TABLE_CHARACTERS = 4000
+"""Length of the table in a description, of which MLflow keeps 8,000 characters."""
+
+
+def _rows(groups: Sequence[Group]) -> list[str]:
+    """The lines of a Markdown table, as far as there is room."""
+    lines = ["|" + "|".join(cell.replace("|", "/") for cell in row(group)) + "|" for group in groups]
+    lengths = itertools.accumulate(len(line) + 1 for line in lines)
+    kept = [line for line, length in zip(lines, lengths, strict=True) if length <= TABLE_CHARACTERS]
+    more = len(lines) - len(kept)
+    return [*kept, "", f"{more} more rows are in `table.csv`."] if more else kept

@@ -1,0 +1,37 @@
+"""The MLflow experiment that a family of sweeps shares."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from mlflow.tracking import MlflowClient
+
+from orchestrator.tracking.mlflow_views import VIEWS
+from trainables.cell import content_id
+
+_TAGS = {"mlflow.experimentKind": "custom_model_development"}
+"""Opens the experiment in the UI's view for training runs."""
+
+
+def find_experiment(client: MlflowClient, uri: str, family: str, artifacts: Path) -> str:
+    """The id of a family's experiment, made where missing; that of a local store keeps its files under `artifacts`."""
+    name, views = f"deltatune/{family}", dict(view.tag() for view in VIEWS)
+    found = client.get_experiment_by_name(name)
+    if found is None:
+        location = None
+        if uri.startswith("sqlite:"):
+            _write_ahead(uri)
+            location = (artifacts / content_id(name)).as_uri()
+        return str(client.create_experiment(name, location, _TAGS | views))
+    for key, value in views.items():  # an older version's experiment is brought up to this one's views
+        if found.tags.get(key) != value:
+            client.set_experiment_tag(found.experiment_id, key, value)
+    return str(found.experiment_id)
+
+
+def _write_ahead(uri: str) -> None:
+    """Write-ahead logging for a sqlite store: twice the rate of small writes, and readers never block the writer."""
+    with closing(sqlite3.connect(uri.removeprefix("sqlite:///"))) as database:
+        database.execute("PRAGMA journal_mode=WAL")

@@ -1,0 +1,234 @@
+"""MLflow, the browsing copy of a sweep: one writer, drawn from the results alone, rebuilt at any time.
+
+    experiment          the family of sweeps
+      run, kind=sweep       the sweep: description, table, figures and best.yaml as artifacts
+        run, kind=aggregate   one per (task, agent, source, hyperparameters): mean, sd and interval over seeds
+        run, kind=cell        one per cell: parameters, curves, and what it was made with
+
+A run is found again by its tags (`sweep_id` with `cell_id` or `group`), and its `digest` tag says what it is to hold;
+so writing twice changes nothing, and a run that was cut off (its status is still RUNNING) is written again with the
+same time stamps, which MLflow stores once.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+from mlflow.entities import Metric, Param, Run, RunTag
+from mlflow.exceptions import MlflowException
+from mlflow.tracking import MlflowClient
+
+from orchestrator.analysis.curves import NO_CURVE, mean_curves
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from orchestrator.analysis.labels import cell_name, group_name
+from orchestrator.errors import SweepError
+from orchestrator.results.record import Head, Record
+from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.tracking.description import markdown
+from orchestrator.tracking.mlflow_experiment import find_experiment
+from orchestrator.tracking.mlflow_fields import CELL_METRICS, cell_tags, group_figures, thinned
+from orchestrator.tracking.uri import shown
+from trainables.cell import content_id
+from trainables.storage.folders import local_copy
+
+logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database tables amid the display
+
+BATCH = 1000
+"""Most metrics of one call."""
+
+
+_NO_CURVE = ("episode", "step", "seconds", "discounted_return")
+"""Columns of a record that MLflow gets no curve of."""
+
+
+class _Known(NamedTuple):
+    """A run that is there."""
+
+    run_id: str
+    digest: str | None
+    """What it is to hold. The sweep's own run has none."""
+    whole: bool
+    """False: it was cut off."""
+
+
+class Mirror:
+    """A sweep's copy in one MLflow store."""
+
+    def __init__(self, results: Results, uri: str) -> None:
+        self._results = results
+        meta = results.meta()
+        self._sweep_id = content_id([results.name, meta["created"]])
+        self._meta = meta
+        self._client = MlflowClient(uri)
+        self._experiment = find_experiment(
+            self._client, uri, meta["space"]["family"] or meta["space"]["name"], results.storage / "mlartifacts"
+        )
+        self._known = {
+            self._key(run.data.tags): _Known(
+                str(run.info.run_id), run.data.tags.get("digest"), run.info.status != "RUNNING"
+            )
+            for run in self._runs()
+        }
+        self.parent = self._find_parent()
+
+    def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
+        """The run of one ended cell, unless it is there already; `read` gets its whole record."""
+        cell, key = head.cell, ("cell", head.cell.id)
+        digest = content_id([head.digest, head.status])
+        if self._holds(key, digest) or (record := read()) is None:
+            return
+        row = cell_row(stage, cell, head)
+        episodes = record.points.get("episode", [])
+        curves = {name: values for name, values in record.points.items() if name not in _NO_CURVE}
+        self._write(
+            key,
+            cell_name(cell),
+            cell_tags(stage, head) | {"digest": digest},
+            cell.hyperparameters,
+            {name: row[name] for name in CELL_METRICS if row.get(name) is not None},
+            {name: list(zip(episodes, values, strict=True)) for name, values in curves.items()},
+            head.finished,
+            head.seconds,
+            "FAILED" if head.status == "failed" else "FINISHED" if head.status == "done" else "KILLED",
+        )
+
+    def write_group(self, group: Group, curve: pd.DataFrame) -> None:
+        """The aggregate run of one group; a run that holds older figures is replaced."""
+        metrics, tags = group_figures(group)
+        content = content_id([metrics, tags, curve.to_csv()])
+        curves = {
+            f"greedy_return_{n}": list(zip(curve["episode"], curve[n], strict=True)) for n in ("mean", "low", "high")
+        }
+        self._write(
+            ("aggregate", group.id),
+            group_name(group),
+            tags | {"digest": content},
+            group.hyperparameters,
+            metrics,
+            curves,
+            self._meta["created"],
+            0.0,
+            "FINISHED",
+        )
+
+    def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
+        """The aggregates, and the parent's description, figures and files."""
+        cells, every = findings.cells, findings.groups
+        curves = mean_curves(findings.points, cells)
+        for group in every:
+            self.write_group(group, curves.get(group.id, NO_CURVE))
+        self._client.set_tag(self.parent, "mlflow.note.content", markdown(self._results, every))
+        for path in artifacts:
+            folder = Path(path.parent.relative_to(self._results.folder).as_posix())
+            with local_copy(path) as file:
+                self._client.log_artifact(self.parent, str(file), None if folder == Path(".") else str(folder))
+        planned = {("cell", cell_id) for cell_id in cells["cell_id"]} | {("aggregate", group.id) for group in every}
+        for key in set(self._known) - planned - {("sweep", "")}:
+            self._client.delete_run(self._known.pop(key).run_id)
+        space, counts = self._meta["space"], cells["status"].value_counts()
+        tags = {f"cells_{status}": str(counts.get(status, 0)) for status in ("done", "failed", "stopped", "missing")}
+        tags |= {"seeds": str(len(space["seeds"])), "agents": ", ".join(space["agents"])}
+        tags |= {
+            "targets": ", ".join(target for scenario in space["scenarios"] for target in scenario["targets"])[:5000]
+        }
+        self._client.log_batch(self.parent, tags=[RunTag(name, value) for name, value in tags.items()])
+        self._client.set_terminated(self.parent)
+
+    def interrupted(self) -> None:
+        """The sweep has stopped for now."""
+        self._client.set_terminated(self.parent, "KILLED")
+
+    def _write(
+        self,
+        key: tuple[str, str],
+        name: str,
+        tags: Mapping[str, str],
+        params: Mapping[str, Any],
+        metrics: Mapping[str, float],
+        curves: Mapping[str, Sequence[tuple[Any, Any]]],
+        finished: float,
+        seconds: float,
+        status: str,
+    ) -> None:
+        """Find or make the run of `key`, and fill it; its status goes in last, so that it vouches for the rest."""
+        known, digest = self._known.get(key), tags["digest"]
+        if self._holds(key, digest):
+            return
+        if known is not None and known.digest != digest:
+            self._client.delete_run(known.run_id)
+            known = None
+        if known is None:
+            own = {"kind": key[0], "sweep": self._results.name, "sweep_id": self._sweep_id}
+            own |= {"cell_id" if key[0] == "cell" else "group": key[1], "mlflow.parentRunId": self.parent}
+            begun = int((finished - seconds) * 1000)
+            run = self._client.create_run(self._experiment, begun, {**tags, **own}, name)
+            known = self._known[key] = _Known(str(run.info.run_id), digest, whole=False)
+        stamp = int(finished * 1000)
+        points = [Metric(metric, value, stamp, 0) for metric, value in metrics.items() if math.isfinite(value)]
+        points += [
+            Metric(metric, float(value), stamp, int(step))
+            for metric, values in curves.items()
+            for step, value in thinned([(s, v) for s, v in values if v is not None and math.isfinite(v)])
+        ]
+        texts = [Param(name, str(value)) for name, value in params.items()]
+        batches = [points[start : start + BATCH] for start in range(0, max(len(points), 1), BATCH)]
+        for number, batch in enumerate(batches):
+            self._client.log_batch(known.run_id, batch, texts if number == 0 else ())
+        self._client.set_terminated(known.run_id, status, stamp)
+        self._known[key] = known._replace(whole=True)
+
+    def _holds(self, key: tuple[str, str], digest: str) -> bool:
+        known = self._known.get(key)
+        return known is not None and known.whole and known.digest == digest
+
+    def _runs(self) -> Iterable[Run]:
+        token: str | None = None
+        while True:
+            page = self._client.search_runs(
+                [self._experiment], f"tags.sweep_id = '{self._sweep_id}'", max_results=1000, page_token=token
+            )
+            yield from page
+            token = page.token
+            if not token:
+                return
+
+    def _key(self, tags: Mapping[str, str]) -> tuple[str, str]:
+        kind = tags.get("kind", "")
+        return kind, tags.get("cell_id" if kind == "cell" else "group", "")
+
+    def _find_parent(self) -> str:
+        known = self._known.get(("sweep", ""))
+        if known is not None:
+            self._client.update_run(known.run_id, status="RUNNING")
+            return known.run_id
+        tags = {"kind": "sweep", "sweep": self._results.name, "sweep_id": self._sweep_id}
+        tags |= {"space": self._meta["space"]["name"], "commit": self._meta["commit"]}
+        tags |= {f"version.{name}": version for name, version in self._meta["versions"].items()}
+        run = self._client.create_run(self._experiment, int(self._meta["created"] * 1000), tags, self._results.name)
+        return str(run.info.run_id)
+
+
+def sync(findings: Findings, uri: str, artifacts: Iterable[Path], mirror: Mirror | None = None) -> str:
+    """Bring MLflow up to the results table: write what is missing, replace what has changed; the parent run's id."""
+    results = findings.results
+    mirror = mirror or Mirror(results, uri)
+    for stage, cell, head in results.ended():
+        if head is not None:
+            mirror.write_cell(stage, head, partial(results.log.record, cell.id))
+    mirror.finish(findings, artifacts)
+    return mirror.parent
+
+
+def sync_now(findings: Findings, uri: str, artifacts: Iterable[Path]) -> str:
+    """`sync` for a person who waits for it; SweepError where the store does not answer."""
+    try:
+        return sync(findings, uri, artifacts)
+    except (MlflowException, OSError) as error:
+        raise SweepError(f"MLflow at {shown(uri)} cannot be written to: {str(error).splitlines()[0]}") from None

@@ -1,0 +1,45 @@
+"""Which MLflow store a sweep is copied to."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from trainables.errors import InputError
+from trainables.storage.folders import absolute
+from trainables.storage.paths import is_local
+
+SCHEMES = ("sqlite", "postgresql", "mysql", "mssql", "http", "https", "databricks")
+
+
+def tracking_uri(storage: Path, given: str | None) -> str:
+    """`given`, else MLFLOW_TRACKING_URI, else a database in the storage folder.
+
+    Raises InputError for an unknown scheme, a storage that no database can be in, and for credentials where others can
+    read them: in the address of a server, or in `given`, which is on the command line.
+    """
+    uri = given or os.environ.get("MLFLOW_TRACKING_URI")
+    if uri is None:
+        if not is_local(storage):
+            raise InputError(f"MLflow's database cannot be at {storage}: give --tracking-uri, or --no-mlflow")
+        uri = f"sqlite:///{absolute(storage) / 'mlflow.db'}"
+    scheme = uri.partition(":")[0].split("+")[0].lower()
+    if scheme not in SCHEMES:
+        raise InputError(f"a tracking URI must start with {', '.join(f'{s}:' for s in SCHEMES)} (got '{shown(uri)}')")
+    if scheme in ("http", "https") and "@" in uri:
+        raise InputError(
+            f"a tracking server's address must hold no user name, password or token (got '{shown(uri)}'): set "
+            "MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD, or MLFLOW_TRACKING_TOKEN, in the environment"
+        )
+    if given and re.search(r"//[^/]*:.*@", given):
+        raise InputError(
+            f"a database's password does not belong on a command line (got '{shown(uri)}'): "
+            "set MLFLOW_TRACKING_URI in the environment"
+        )
+    return uri
+
+
+def shown(uri: str) -> str:
+    """A tracking URI as it may be printed: without user name and password."""
+    return re.sub(r"//.*@", "//***@", uri)

@@ -1,0 +1,15 @@
+"""The JSON Schema of search spaces, for editors; docs/search-space.schema.json is its published copy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from search_spaces.search_space import SearchSpace
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schema() -> dict[str, Any]:
+    """What the YAML file of a search space may hold; names of tasks and agents are left open."""
+    schema = SearchSpace.model_json_schema(by_alias=True, mode="validation")
+    return {"$schema": DIALECT, **schema, "title": "deltatune search space"}

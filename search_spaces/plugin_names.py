@@ -1,0 +1,45 @@
+"""Own tasks and agents in a search space: their files are loaded, and their names get the hash of the content."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from trainables.plugins.loader import pin
+from trainables.plugins.names import by_file
+from trainables.tasks.registry import parse_task
+
+
+def pinned(data: dict[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
+    """The search space `data` with every name of own code by file in its canonical form.
+
+    folders: where the files are looked for. What is not shaped like a search space is left for its own check.
+    """
+
+    def own(value: Any) -> bool:
+        return isinstance(value, str) and by_file(value)
+
+    def task(value: Any) -> Any:
+        return parse_task(pin(value, folders)).name if own(value) else value
+
+    def agent(value: Any) -> Any:
+        return pin(value, folders) if own(value) else value
+
+    def scenario(value: Any) -> Any:
+        if not isinstance(value, dict):
+            return value
+        source, targets = value.get("source"), value.get("targets")
+        if isinstance(source, dict):
+            names = {"task": task, "agent": agent}
+            source = {key: names[key](v) if key in names else v for key, v in source.items()}
+        if isinstance(targets, list):
+            targets = [task(target) for target in targets]
+        return value | {key: v for key, v in (("source", source), ("targets", targets)) if key in value}
+
+    result = dict(data)
+    if isinstance(data.get("scenarios"), list):
+        result["scenarios"] = [scenario(value) for value in data["scenarios"]]
+    if isinstance(data.get("agents"), dict):
+        result["agents"] = {agent(key): value for key, value in data["agents"].items()}
+    return result

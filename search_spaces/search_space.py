@@ -1,0 +1,176 @@
+"""A search space: what to sweep, as plain data, in Python or YAML."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from search_spaces.domains import Options, Range, Strict
+from trainables.agents.agent import Agent
+from trainables.agents.registry import agent_named
+from trainables.tasks.make import make_env
+from trainables.tasks.registry import parse_task
+from trainables.tasks.spec.family import Task
+
+
+def _seeds(value: object) -> object:
+    """A number of seeds n means 0..n-1."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        if value < 1:
+            raise ValueError(f"must be at least 1, or a list of seeds (got {value})")
+        return tuple(range(value))
+    return _tuple(value)
+
+
+def _tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+Seed = Annotated[int, Field(ge=0)]
+Seeds = Annotated[
+    tuple[Seed, ...],
+    BeforeValidator(
+        _seeds, json_schema_input_type=Annotated[int, Field(ge=1)] | Annotated[list[Seed], Field(min_length=1)]
+    ),
+    Field(min_length=1),
+]
+Names = Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(_tuple)]
+Kinds = Annotated[tuple[Literal["learned", "exact"], ...], Field(min_length=1), BeforeValidator(_tuple)]
+Hyperparameters = dict[str, Options]
+
+
+class SourceSpace(Strict):
+    """Stage 1 of a scenario: the source task, and how its knowledge is made."""
+
+    task: str
+    library: Annotated[tuple[str, ...], BeforeValidator(_tuple)] = ()
+    """Further source tasks, for agents that choose among several sources (delta_select); the others use `task` alone.
+    Each is trained as `task` is. On a target that is in the library itself, that one is left out."""
+    agent: str = "q_learning"
+    kinds: Kinds = ("learned",)
+    """learned: trained by `agent` with the best of `hyperparameters`; exact: value iteration (tabular tasks)."""
+    hyperparameters: Hyperparameters = Field(default_factory=dict)
+    """What stage 1 sweeps; the best values by mean AUC are stage 2's too."""
+    pick: Literal["own_seed", "best_evaluated"] | Annotated[int, Field(ge=0)] | None = None
+    """Whose knowledge a target seed gets: own_seed, its own source seed's last; best_evaluated, the network with the
+    best greedy evaluation of all source seeds; a number, that seed's best. Default: own_seed for tabular tasks,
+    best_evaluated for deep ones."""
+
+
+class Scenario(Strict):
+    """A source task and the target tasks that its knowledge goes to."""
+
+    source: SourceSpace
+    targets: Names
+
+
+class Scheduler(Strict):
+    """Early stopping, of all seeds of a configuration together, by their mean greedy return so far.
+
+    A configuration competes with the others of its (task, agent, source) alone. What is stopped has no AUC.
+    """
+
+    method: Literal["asha", "median"]
+    """asha: asynchronous successive halving; median: stop what is under the median of the others' means."""
+    grace: Annotated[int, Field(ge=1)] = 5
+    """Evaluations that every configuration gets."""
+    reduction_factor: Annotated[int, Field(ge=2)] = 3
+    """asha: one in so many goes on from each rung."""
+
+
+class Search(Strict):
+    """How ranges are searched: `budget` configurations for each (task, agent, source)."""
+
+    method: Literal["grid", "random", "optuna"] = "grid"
+    budget: Annotated[int, Field(ge=1)] = 20
+    seed: Annotated[int, Field(ge=0)] = 0
+    scheduler: Scheduler | None = None
+    """Early stopping; None: every configuration is trained to its end."""
+
+
+class SearchSpace(Strict):
+    """Everything that a sweep needs to know."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    family: Annotated[str, Field(pattern=r"^[A-Za-z0-9_. -]{0,64}$")] = ""
+    """The MLflow experiment; the name where it is left out."""
+    description: str = ""
+    seeds: Seeds
+    scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1), BeforeValidator(_tuple)]
+    agents: Annotated[dict[str, Hyperparameters], Field(min_length=1)]
+    """Stage 2: each agent with the hyperparameters that it sweeps."""
+    hyperparameters: Hyperparameters = Field(default_factory=dict)
+    """Set for every agent of both stages that has them, e.g. {episodes: 500}."""
+    search: Search = Search()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SearchSpace:
+        _once("seeds", [str(seed) for seed in self.seeds])
+        for scenario in self.scenarios:
+            source, targets = parse_task(scenario.source.task), [parse_task(name) for name in scenario.targets]
+            _once("targets", [target.name for target in targets])
+            library = [parse_task(name) for name in scenario.source.library]
+            _once("source.library, with source.task", [source.name, *(other.name for other in library)])
+            if library and not any(agent_named(name).several for name in self.agents):
+                raise ValueError("source.library is for an agent that chooses among several sources: add delta_select")
+            for target, other in itertools.product(targets, [source, *library]):
+                _check_shapes(other, target)
+            base = agent_named(scenario.source.agent)
+            if base.needs_source:
+                raise ValueError(f"source.agent must learn without a source (got {base.name})")
+            if isinstance(scenario.source.pick, int) and scenario.source.pick not in self.seeds:
+                raise ValueError(f"source.pick must be one of the seeds (got {scenario.source.pick})")
+            self._check_agent(base, scenario.source.hyperparameters, [source, *library])
+            for name, options in self.agents.items():
+                self._check_agent(agent_named(name), options, targets)
+        return self
+
+    def _check_agent(self, agent: Agent, own: Hyperparameters, tasks: list[Task]) -> None:
+        """Every value that may be tried must be one that the agent takes on each task."""
+        known = agent.hyperparameters.model_fields
+        shared = {key: option for key, option in self.hyperparameters.items() if key in known}
+        for key, option in {**shared, **own}.items():
+            if isinstance(option, Range) and self.search.method == "grid":
+                raise ValueError(f"{agent.name}.{key} is a range: add search: {{method: random}} or {{method: optuna}}")
+            for value in option.ends() if isinstance(option, Range) else option.values:
+                for task in tasks:
+                    agent.resolve(task, {key: value})
+        for key in self.hyperparameters:
+            if not any(key in agent_named(name).hyperparameters.model_fields for name in self.agents):
+                raise ValueError(f"hyperparameters.{key} is known to none of the agents ({', '.join(self.agents)})")
+
+    def to_json(self) -> dict[str, object]:
+        """The space as plain data; `SearchSpace.model_validate(space.to_json()) == space`."""
+        return self.model_dump(mode="json", by_alias=True)
+
+
+def _once(what: str, names: list[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"{what}: {twice[0]} is given twice")
+
+
+def _check_shapes(source: Task, target: Task) -> None:
+    """Source knowledge is only of use on the same states, or observations, and actions."""
+    if source.family is target.family and source.family.origin == "built-in":
+        return
+    try:
+        spaces = [_spaces(source), _spaces(target)]
+    except Exception:  # own code that cannot be built, or is not here: its cells say why, the others run
+        if {source.family.origin, target.family.origin} == {"built-in"}:
+            raise
+        return
+    if spaces[0] != spaces[1]:
+        raise ValueError(f"targets: {target.name} has {spaces[1]}, the source {source.name} {spaces[0]}")
+
+
+def _spaces(task: Task) -> str:
+    """The shape of its observations (or its states) and its actions, in words."""
+    env = make_env(task)
+    states, actions = getattr(env.observation_space, "n", None), getattr(env.action_space, "n", None)
+    shape = env.observation_space.shape
+    env.close()
+    return f"{states} states and {actions} actions" if states else f"observations {shape} and {actions} actions"

@@ -1,0 +1,113 @@
+"""A commented search space to start from, for one task."""
+
+from __future__ import annotations
+
+import re
+
+from trainables.agents.registry import agent_named
+from trainables.errors import InputError
+from trainables.tasks.registry import parse_task
+from trainables.tasks.spec.family import Task
+
+KEPT = ("levels", "limit")
+"""Features that a source shares with its targets: they make the task another one."""
+
+TABULAR = {"q_learning": "{}", "policy_reuse": "{}", "ppr": "{nu: 0.99}", "delta_gate": "{}", "confidence_gate": "{}"}
+DEEP = {"dqn": "{}", "es": "{advice_fraction: 0.25}", "delta_es": "{advice_fraction: 0.25}"}
+
+TEMPLATE = """\
+# What to sweep, written by 'deltatune init {typed}'. It runs as it is; every line may be changed.
+#   deltatune sweep {file} --dry-run   what it would do, and what that would cost
+#   deltatune sweep {file}   do it; the same command again continues
+schema: 1
+name: {name}  # the folder of its results
+description: Does knowledge of {source} help or hurt on other versions of it?
+seeds: 5  # 0 to 4; more seeds, narrower intervals
+scenarios:
+  - source:  # stage 1: trained first
+      task: {source}
+      agent: {base}  # any agent that learns without a source
+      {kinds}
+      hyperparameters:  # the best of these by mean AUC is what stage 2 uses too
+        learning_rate: {rates}
+    targets:  # stage 2: every agent below learns each of these; 2x is twice the default
+{targets}
+      # features: {features}
+hyperparameters:  # for every agent that has them; 'deltatune agents' explains them all
+  episodes: {episodes}
+  evaluate_every: {every}
+agents:  # one value, a list to try each of, or a range with 'search'
+{agents}
+# A range:  {range}  together with
+# search: {{method: random, budget: 20}}      # or method: optuna
+"""
+
+
+def starter(typed: str, name: str, file: str) -> str:
+    """The YAML of a search space for the task called `name`, which the user calls `typed`.
+
+    Its features, where it has some off their defaults, make the target; else the family's own targets do.
+    """
+    task = parse_task(name)
+    source = Task(task.family, tuple(change for change in task.changed if change[0] in KEPT))
+    called = typed if not task.changed else typed.removesuffix(_features(typed))
+    spelled = called + (f":{_text(source)}" if source.changed else "")
+    targets = [f"{called}:{text}" for text in _targets(task, source)] or [spelled]
+    agents = TABULAR if task.tabular else DEEP
+    base = next(iter(agents))
+    settings = agent_named(base).resolve(task, {}).model_dump()
+    return TEMPLATE.format(
+        typed=typed,
+        file=file,
+        name=_slug(called),
+        source=spelled,
+        base=base,
+        kinds="kinds: [learned, exact]  # trained by the agent above; by value iteration"
+        if task.tabular
+        else "pick: best_evaluated  # the best network of all seeds; or own_seed",
+        rates="[0.5, 0.1]" if task.tabular else "[1.0e-3, 1.0e-4]",
+        targets="\n".join(f"      - {target}" for target in targets),
+        features=", ".join(feature.name for feature in task.family.features) or "none",
+        episodes=settings["episodes"],
+        every=min(settings["evaluate_every"], max(1, settings["episodes"] // 10)),
+        range="delta_gate: {threshold: {low: 1, high: 20}}"
+        if task.tabular
+        else "delta_es: {advice_fraction: {low: 0.1, high: 0.5}}",
+        agents="\n".join(f"  {agent}: {options}" for agent, options in agents.items()),
+    )
+
+
+def _features(typed: str) -> str:
+    """The text of the features in a name, its colon included."""
+    match = re.search(r":[A-Za-z_][\w.]*=.*$", typed)
+    return match.group() if match else ""
+
+
+def _text(task: Task) -> str:
+    return ",".join(f"{name}={task.family.feature(name).text(value)}" for name, value in task.changed)
+
+
+def _targets(task: Task, source: Task) -> list[str]:
+    """The features of each target, as text."""
+    if task.changed != source.changed:
+        return [_text(task)]
+    prefix = f"{_text(source)}," if source.changed else ""
+    if task.family.targets:
+        return [prefix + target.removeprefix(f"{task.family.name}:") for target in task.family.targets]
+    for feature in task.family.features:
+        if feature.name in KEPT:
+            continue
+        for text in (*feature.named, "1.5x", "0.5x"):
+            try:
+                value = feature.value(text)
+            except InputError:
+                continue
+            if value != feature.default:
+                return [f"{prefix}{feature.name}={text}"]
+    return []
+
+
+def _slug(text: str) -> str:
+    """A name for the sweep."""
+    text = re.sub(r"\.py(:Task$|:)|^gym:", "-", text.rpartition("/")[2] if ".py" in text else text)
+    return re.sub(r"[^A-Za-z0-9]+", "-", text).strip("-").lower()[:64] or "mine"

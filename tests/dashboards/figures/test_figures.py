@@ -1,0 +1,62 @@
+"""The figures are drawn from the results table, and show what is in it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+from dashboards.draw import draw
+from dashboards.style import LOOKS, MARKERS
+from orchestrator.analysis.findings import find
+from orchestrator.results.sweep_folder import Results
+from trainables.agents.registry import AGENTS
+
+
+@pytest.fixture
+def results(finished: Path, tmp_path: Path) -> Results:
+    shutil.copytree(finished, tmp_path / "r")
+    return Results.open(tmp_path / "r", "small")
+
+
+def pictures(results: Results) -> list[Path]:
+    return draw(find(results))[1:]
+
+
+def test_each_figure_is_a_png_and_an_svg_with_the_targets_and_agents_in_it(results: Results) -> None:
+    paths = pictures(results)
+    names = ("curves", "delta_effect", "matrix")
+    assert sorted(path.name for path in paths) == [f"{name}.{end}" for name in names for end in ("png", "svg")]
+    for path in paths:
+        if path.suffix == ".png":
+            assert imread(path).std() > 0.05
+    text = (results.folder / "figures" / "curves.svg").read_text()
+    for shown in ("wind=small", "wind=reversed", "learned source", "exact source", "delta_gate", "q_learning"):
+        assert shown in text
+
+
+def test_the_same_results_give_the_same_bytes(results: Results) -> None:
+    first = [path.read_bytes() for path in pictures(results)]
+    assert [path.read_bytes() for path in pictures(results)] == first
+
+
+def test_a_sweep_without_a_complete_cell_draws_nothing(results: Results) -> None:
+    cells, points = results.tables()
+    assert draw(find(results, (cells.assign(status="missing", auc=None), points)))[1:] == []
+
+
+def test_a_sweep_without_transfer_has_curves_alone(results: Results) -> None:
+    plan = results.plan()
+    plan["transfer"] = [cell for cell in plan["transfer"] if cell.agent == "q_learning"]
+    results.set_plan(plan)
+    assert {path.stem for path in pictures(results)} == {"curves"}
+
+
+def test_every_agent_has_a_look_of_its_own_among_its_kind() -> None:
+    for kind in ("tabular", "deep"):
+        looks = [LOOKS[agent.name] for agent in AGENTS.values() if agent.kind == kind]
+        for part in ("light", "dark", "dash", "marker"):
+            assert len({getattr(look, part) for look in looks}) == len(looks) > 1
+        assert all(look.marker in MARKERS for look in looks)

@@ -1,0 +1,44 @@
+"""Results in words."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from orchestrator.analysis.labels import cell_name, settings_text
+from orchestrator.analysis.statistics import Estimate, TransferRatio
+from orchestrator.analysis.summary_table import estimate_text, ratio_text
+from trainables.cell import Cell
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"),
+    [
+        (TransferRatio(0.281, 0.24, 0.32), "+28% [+24, +32]"),
+        (TransferRatio(-0.004, -0.02, 0.001), "-0.4% [-2, +0.1]"),
+        (TransferRatio(1.3e-12, 0.0, -1.3e-12), "+0% [+0, +0]"),
+        (TransferRatio(-0.5, None, None), "-50%"),
+        (TransferRatio(None, None, None, "the interval of the AUC without transfer touches 0"), "undefined"),
+    ],
+)
+def test_a_ratio_in_words(ratio: TransferRatio, text: str) -> None:
+    assert ratio_text(ratio) == text
+
+
+def test_a_difference_keeps_its_sign_unless_it_is_nothing() -> None:
+    assert estimate_text(Estimate(-0.01, -0.02, 0.01)) == "-0.01 [-0.02, +0.01]"
+    assert estimate_text(Estimate(-1e-12, -2e-12, 0.0)) == "+0.0 [+0.0, +0.0]"
+    assert estimate_text(Estimate(-3.46, None, None)) == "-3.5"
+
+
+@given(st.floats(-1e6, 1e6))
+def test_a_number_in_words_is_the_number_rounded(value: float) -> None:
+    shown = float(estimate_text(Estimate(value, None, None)))
+    assert shown == round(value, 1 if round(value, 1) else 2)
+
+
+def test_a_runs_name_has_no_character_that_mlflow_refuses() -> None:
+    cell = Cell.create("q_learning", "windy_gridworld:start=[1,2],wind=reversed", 3)
+    assert cell_name(cell) == "q_learning / windy_gridworld wind reversed,start (1,2) / seed 3"
+    assert settings_text({}) == "-"

@@ -1,0 +1,194 @@
+"""MLflow is a copy that can be made again: no duplicates, no NaN, nothing lost."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import CELLS
+from mlflow.entities import Run
+from mlflow.tracking import MlflowClient
+
+from deltatune.publish import artifacts, publish
+from orchestrator.analysis.findings import find
+from orchestrator.errors import SweepError
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking import mlflow_fields, mlflow_mirror
+from orchestrator.tracking.tracker import Tracker
+from orchestrator.tracking.uri import tracking_uri
+from trainables.errors import InputError
+
+GROUPS = 2 + 2 * (1 + 2 + 4)
+
+
+@pytest.fixture(scope="module")
+def mirrored(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """A published and synchronised sweep."""
+    storage = tmp_path_factory.mktemp("mirrored") / "storage"
+    shutil.copytree(finished, storage)
+    results = Results.open(storage, "small")
+    publish(results)
+    mlflow_mirror.sync(find(results), tracking_uri(storage, None), artifacts(results))
+    return results
+
+
+def client(results: Results) -> MlflowClient:
+    return MlflowClient(tracking_uri(results.storage, None))
+
+
+def runs(results: Results, condition: str = "") -> list[Run]:
+    store = client(results)
+    experiment = store.get_experiment_by_name("deltatune/tests")
+    assert experiment is not None
+    return list(store.search_runs([experiment.experiment_id], condition, max_results=1000))
+
+
+def kinds(results: Results) -> Counter[str]:
+    return Counter(run.data.tags["kind"] for run in runs(results))
+
+
+def test_there_is_a_run_per_cell_per_group_and_for_the_sweep(mirrored: Results) -> None:
+    assert kinds(mirrored) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
+    assert {run.info.status for run in runs(mirrored)} == {"FINISHED"}
+
+
+def test_a_cell_run_says_what_the_cell_was_and_ends_at_the_tables_figures(mirrored: Results) -> None:
+    cells, _ = mirrored.tables()
+    row = cells[(cells["agent"] == "delta_gate") & (cells["seed"] == 0)].iloc[0]
+    run = runs(mirrored, f"tags.cell_id = '{row['cell_id']}'")[0]
+    assert run.data.metrics["auc"] == row["auc"]
+    wanted = {"agent": "delta_gate", "seed": "0", "task": row["task"], "source": row["source"], "stage": "transfer"}
+    assert wanted.items() <= run.data.tags.items()
+    assert {"commit", "version.numpy", "version.ray"} <= set(run.data.tags)
+    assert run.data.params["threshold"] == "10.0"
+    parent = runs(mirrored, "tags.kind = 'sweep'")[0]
+    assert run.data.tags["mlflow.parentRunId"] == parent.info.run_id
+
+
+def test_a_curve_has_the_episode_as_its_step(mirrored: Results) -> None:
+    run = runs(mirrored, "tags.kind = 'cell' and tags.agent = 'delta_gate'")[0]
+    for name in ("greedy_return", "max_abs_delta", "gate_open_share"):
+        history = client(mirrored).get_metric_history(run.info.run_id, name)
+        assert [metric.step for metric in history] == list(range(0, 70, 10))
+
+
+def test_an_aggregate_has_the_statistics_of_its_group(mirrored: Results) -> None:
+    run = runs(mirrored, "tags.kind = 'aggregate' and tags.agent = 'policy_reuse'")[0]
+    names = {"auc", "auc_low", "auc_high", "auc_sd", "transfer_ratio", "difference", "jumpstart", "asymptotic", "seeds"}
+    assert names <= set(run.data.metrics)
+    assert run.data.metrics["seeds"] == 2
+    history = client(mirrored).get_metric_history(run.info.run_id, "greedy_return_mean")
+    assert len(history) == 7
+
+
+def test_no_metric_is_a_nan_or_an_infinity(mirrored: Results) -> None:
+    assert all(math.isfinite(value) for run in runs(mirrored) for value in run.data.metrics.values())
+
+
+def test_the_parent_has_a_description_and_the_figures(mirrored: Results) -> None:
+    parent = runs(mirrored, "tags.kind = 'sweep'")[0]
+    assert "delta_gate" in parent.data.tags["mlflow.note.content"]
+    files = [item.path for item in client(mirrored).list_artifacts(parent.info.run_id)]
+    assert {"best.yaml", "table.csv", "cells.parquet", "points.parquet", "figures"} <= set(files)
+
+
+def test_synchronising_twice_changes_nothing(mirrored: Results) -> None:
+    before = {run.info.run_id: run.data.metrics for run in runs(mirrored)}
+    mlflow_mirror.sync(find(mirrored), tracking_uri(mirrored.storage, None), artifacts(mirrored))
+    assert {run.info.run_id: run.data.metrics for run in runs(mirrored)} == before
+
+
+def test_a_run_that_was_cut_off_is_made_whole_without_double_points(mirrored: Results, tmp_path: Path) -> None:
+    results = _copy(mirrored, tmp_path)
+    store = client(results)
+    run = runs(results, "tags.kind = 'cell' and tags.agent = 'delta_gate'")[0]
+    store.update_run(run.info.run_id, status="RUNNING")
+    mlflow_mirror.sync(find(results), tracking_uri(results.storage, None), [])
+    assert kinds(results) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
+    assert store.get_run(run.info.run_id).info.status == "FINISHED"
+    assert len(store.get_metric_history(run.info.run_id, "greedy_return")) == 7
+
+
+def test_a_run_that_was_cut_off_before_its_figures_is_no_run_that_is_there(
+    mirrored: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results, store = mirrored, f"sqlite:///{tmp_path}/mlflow.db"
+
+    def dies(*_: Any, **__: Any) -> None:
+        raise OSError("gone")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MlflowClient, "log_batch", dies)
+        with pytest.raises(OSError, match="gone"):
+            mlflow_mirror.sync(find(results), store, [])
+    experiment = (client := MlflowClient(store)).get_experiment_by_name("deltatune/tests")
+    assert experiment is not None
+    (cut,) = client.search_runs([experiment.experiment_id], "tags.kind = 'cell'")
+    assert (cut.info.status, cut.data.metrics) == ("RUNNING", {})
+    mlflow_mirror.sync(find(results), store, [])
+    whole = client.get_run(cut.info.run_id)
+    assert (whole.info.status, whole.data.metrics["auc"]) == ("FINISHED", _auc(results, whole.data.tags["cell_id"]))
+
+
+def test_a_cell_that_is_gone_from_the_results_is_gone_from_mlflow(mirrored: Results, tmp_path: Path) -> None:
+    results = _copy(mirrored, tmp_path)
+    plan = results.plan()
+    plan["transfer"] = plan["transfer"][:-8]
+    results.set_plan(plan)
+    results.write_tables()
+    mlflow_mirror.sync(find(results), tracking_uri(results.storage, None), [])
+    assert kinds(results)["cell"] == CELLS - 8
+
+
+def test_a_tracker_with_a_dead_store_never_harms_the_sweep(finished: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished, tmp_path / "dead")
+    results = Results.open(tmp_path / "dead", "small")
+    tracker = Tracker(results, "sqlite:////dev/null/no/mlflow.db")
+    for stage, _, record in results.records():
+        assert record is not None
+        tracker.record(stage, record)
+    assert tracker.finish(find(results), []) is None
+    assert tracker.error is not None
+    with pytest.raises(SweepError, match="cannot be written to"):
+        mlflow_mirror.sync_now(find(results), "sqlite:////dev/null/no/mlflow.db", [])
+
+
+def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(finished: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished, tmp_path / "told")
+    results = Results.open(tmp_path / "told", "small")
+    tracker = Tracker(results, tracking_uri(results.storage, None))
+    for stage, _, record in list(results.records())[:3]:
+        assert record is not None
+        tracker.record(stage, record)
+    assert tracker.finish(find(results), []) is not None
+    assert kinds(results) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
+
+
+def test_thinned_curves_keep_their_ends() -> None:
+    curve = [(step, float(step)) for step in range(0, 5010, 10)]
+    thin = mlflow_fields.thinned(curve)
+    assert len(thin) == mlflow_fields.CURVE_POINTS
+    assert (thin[0], thin[-1]) == (curve[0], curve[-1])
+    assert mlflow_fields.thinned(curve[:5]) == curve[:5]
+
+
+def test_a_store_that_mlflow_does_not_know_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="must start with sqlite:"):
+        tracking_uri(tmp_path, "ftp://host/x")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:5000")
+    assert tracking_uri(tmp_path, None) == "http://127.0.0.1:5000"
+    assert tracking_uri(tmp_path, "sqlite:///x.db") == "sqlite:///x.db"
+
+
+def _copy(results: Results, tmp_path: Path) -> Results:
+    shutil.copytree(results.storage, tmp_path / "copy")
+    return Results.open(tmp_path / "copy", "small")
+
+
+def _auc(results: Results, cell_id: str) -> float:
+    cells, _ = results.tables()
+    return float(cells.set_index("cell_id").at[cell_id, "auc"])

@@ -1,0 +1,78 @@
+"""The cache of compiled kernels can be neither stale nor in the way."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numba
+import pytest
+
+from trainables.numerics import jit
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package of kernels of its own, with its cache beside it."""
+    folder = tmp_path / "package"
+    (folder / "tasks").mkdir(parents=True)
+    (folder / "numerics").mkdir()
+    (folder / "numerics" / "jit.py").write_text("")
+    (folder / "tasks" / "kernel.py").write_text("from trainables.limits import MOST\n@compiled\n")
+    (folder / "limits.py").write_text("MOST = 1\n")
+    (folder / "plain.py").write_text("STEP = 1\n")
+    monkeypatch.setattr(jit, "__file__", str(folder / "numerics" / "jit.py"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    return folder
+
+
+def _folder() -> str | None:
+    return jit._cache_folder.__wrapped__()
+
+
+def test_a_changed_kernel_or_constant_of_one_means_another_cache_folder(package: Path) -> None:
+    first = _folder()
+    assert first is not None
+    assert Path(first).is_dir()
+    assert _folder() == first
+    (package / "limits.py").write_text("MOST = 2\n")
+    second = _folder()
+    (package / "tasks" / "kernel.py").write_text("@compiled\n")
+    assert len({first, second, _folder()}) == 3
+
+
+def test_a_changed_line_elsewhere_keeps_the_compiled_kernels(package: Path) -> None:
+    first = _folder()
+    (package / "plain.py").write_text("STEP = 2\n")
+    assert _folder() == first
+
+
+def test_an_unwritable_cache_means_no_cache_and_no_error(package: Path, tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "below"))
+    assert _folder() is None
+    monkeypatch.setattr(jit, "_cache_folder", lambda: None)
+    function = jit.compiled(lambda x: x + 1)
+    assert function(2) == 3
+
+
+def test_compiling_leaves_numbas_own_setting_alone(package: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "somewhere")
+    monkeypatch.setattr(jit, "_cache_folder", lambda: str(tmp_path))
+    jit.compiled(test_compiling_leaves_numbas_own_setting_alone)
+    assert numba.config.CACHE_DIR == "somewhere"
+
+
+def test_the_kernels_of_versions_unused_for_a_month_are_removed(package: Path, tmp_path: Path) -> None:
+    first = _folder()
+    assert first is not None
+    (package / "limits.py").write_text("MOST = 2\n")
+    kept, other = tmp_path / "cache" / ("a" * 16), tmp_path / "cache" / "not-ours"
+    for folder, days in ((Path(first), 31), (kept, 29), (other, 400)):
+        folder.mkdir(exist_ok=True)
+        then = time.time() - 86400 * days
+        os.utime(folder, (then, then))
+    second = _folder()
+    assert second is not None
+    assert {path.name for path in (tmp_path / "cache").iterdir()} == {Path(second).name, kept.name, other.name}

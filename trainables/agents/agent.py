@@ -1,0 +1,64 @@
+"""An agent: what it is called, its hyperparameters, and which learner trains it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from trainables.agents import hyperparameters as hp
+from trainables.errors import InputError, from_validation, unknown
+from trainables.tasks.registry import families
+from trainables.tasks.spec.family import Task
+
+
+@dataclass(frozen=True)
+class Agent:
+    """What is registered under a name."""
+
+    name: str
+    description: str
+    hyperparameters: type[hp.Hyperparameters]
+    base: str | None
+    """The agent without transfer that this one is compared with and whose source it uses; None: it is one itself."""
+    learner: str | Callable[..., Any]
+    """The learner's class, or the `module:Class` of one that is imported when a cell is trained."""
+    kind: Literal["tabular", "deep"] = "tabular"
+    origin: Literal["built-in", "own", "missing"] = "built-in"
+    """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
+    several: bool = False
+    """Whether it chooses among several sources: a cell of it may name a library beside the source."""
+
+    @property
+    def needs_source(self) -> bool:
+        """Whether a cell of this agent names a source."""
+        return self.base is not None
+
+    def resolve(self, task: Task, given: dict[str, object]) -> hp.Hyperparameters:
+        """All hyperparameters for `task`: the given ones, then the task's own (Tables 4 to 7), then the defaults.
+
+        Raises InputError for a wrong key, type or range, or where the agent cannot learn this task.
+        """
+        if "missing" in (self.origin, task.family.origin):
+            pass
+        elif self.kind == "tabular" and not task.tabular:
+            tabular = [name for name, family in families().items() if family.model is not None]
+            raise InputError(f"{self.name} needs a tabular task ({', '.join(tabular)}), which {task.name} is not")
+        elif self.kind == "deep" and task.tabular:
+            deep = [name for name, family in families().items() if family.model is None]
+            raise InputError(f"{self.name} needs a task with vector observations ({', '.join(deep)}), not {task.name}")
+        known = self.hyperparameters.model_fields
+        own = {key: value for key, value in task.family.defaults.items() if key in known and self._takes(key)}
+        for key in given:
+            if key not in known and self.origin != "missing":
+                raise unknown(f"hyperparameter of {self.name}", key, known)
+        try:
+            return self.hyperparameters.model_validate(own | given)
+        except ValidationError as error:
+            raise from_validation(self.name, error) from None
+
+    def _takes(self, key: str) -> bool:
+        """The paper's threshold per task is Algorithm 1's; the confidence gate's is on another scale."""
+        return key != "threshold" or self.name == "delta_gate"

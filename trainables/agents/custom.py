@@ -1,0 +1,60 @@
+"""The agents that users bring, by their canonical names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from trainables.errors import InputError
+from trainables.plugins import entry_points, loader, names
+
+if TYPE_CHECKING:
+    from trainables.agents.agent import Agent
+
+
+def agent(name: str) -> Agent | None:
+    """The own agent called `name`, a stand-in where its code is not there; None where `name` is no own code's.
+
+    Raises InputError for a file that nobody has loaded by its name, and for what is no agent.
+    """
+    from trainables.agents.missing import missing_agent
+
+    if not names.by_file(name):
+        short, version = names.package_name(name)
+        found = entry_points.find("agent", short)
+        if found and (not version or found[0] == name):
+            return _agent(*found)
+        return missing_agent(name) if version else None
+    parts = names.file_name(name)
+    if parts.rest:
+        raise InputError(f"'{name}' is no agent's name: there is something after FILE.py:NAME")
+    if not parts.pin:
+        raise InputError(f"'{name}' names a file that is not loaded: call trainables.own.load with this name first")
+    thing = loader.attribute(parts)
+    return missing_agent(name) if thing is None else _agent(name, thing)
+
+
+_AGENTS: dict[str, Agent] = {}
+"""By canonical name: a name stands for one content."""
+
+
+def _agent(name: str, thing: Any) -> Agent:
+    from trainables.agents.agent import Agent
+
+    if name in _AGENTS:
+        return _AGENTS[name]
+    if callable(thing) and not isinstance(thing, type):
+        try:
+            thing = thing()
+        except Exception as error:
+            raise InputError(f"{name} is not an agent: calling it failed ({loader.in_words(error)})") from None
+    if not isinstance(thing, Agent):
+        raise InputError(
+            f"{names.short(name)} is not an agent (it is {names.described(thing)}): make one with trainables.own.agent"
+        )
+    code, _, _ = name.partition(":")
+    short = code.partition("@")[0]
+    base = thing.base
+    if base is not None and names.by_file(name) and base.startswith(f"{short}:"):
+        base = f"{code}:{base.partition(':')[2]}"  # another agent of the same file
+    return _AGENTS.setdefault(name, replace(thing, name=name, base=base, origin="own"))

@@ -1,0 +1,33 @@
+"""Stand-ins for custom agents whose code is not loaded, so that their results can still be read."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from pydantic import ConfigDict, create_model
+
+from trainables.agents.hyperparameters import Hyperparameters
+from trainables.errors import InputError
+
+if TYPE_CHECKING:
+    from trainables.agents.agent import Agent
+from trainables.plugins.notes import _NOTES, _sentence
+
+
+def missing_agent(name: str) -> Agent:
+    """An agent of which nothing but its name and its notes is known."""
+    from trainables.agents.agent import Agent
+
+    notes = _NOTES.get(name, {})
+    fields: Any = {key: (Any, value) for key, value in notes.get("hyperparameters", {}).items()}
+    made = create_model("Missing", __base__=_Anything, **fields)
+
+    def refuse(*_: object) -> NoReturn:
+        raise InputError(_sentence("agent", name))
+
+    kind = notes.get("kind", "deep")
+    return Agent(name, notes.get("description", ""), made, notes.get("base"), refuse, kind, "missing")
+
+
+class _Anything(Hyperparameters):
+    model_config = ConfigDict(extra="allow", strict=False)

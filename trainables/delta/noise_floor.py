@@ -1,0 +1,136 @@
+"""The noise floor of a source: what a gate's estimate of delta comes to on the source's own task, where delta is 0.
+
+A learned source errs, and a gate with a small learning rate still sees the noise of single samples. Both make |delta|
+large where the tasks are equal. `threshold: auto` is the largest value that the gate would have met in as many episodes
+on the source task, following the source, in RUNS runs: the smallest threshold that would not have closed it in any.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainables.delta import tabular_estimator
+from trainables.delta.tabular_estimator import DeltaRule, DeltaTable
+from trainables.numerics.jit import compiled
+from trainables.numerics.rng import stream
+from trainables.tasks.registry import parse_task
+from trainables.tasks.rollout import F32, Transitions, Values
+from trainables.tasks.tabular_env import step as env_step
+
+RUNS = 10
+"""Runs whose largest delta is taken: of one alone, every second new run would meet a larger one."""
+
+
+class SourceTables(NamedTuple):
+    """Q_src (S, A), max_b Q_src(s,b) (S,) and argmax_b Q_src(s,b) (S,)."""
+
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    pi: NDArray[np.int64]
+
+
+@compiled
+def _largest(
+    kind: int,
+    parameters: NDArray[np.float64],
+    start: int,
+    time_limit: int,
+    source: SourceTables,
+    table: DeltaTable,
+    rule: DeltaRule,
+    gamma: float,
+    episodes: int,
+    rng: np.random.Generator,
+) -> float:
+    largest = 0.0
+    for _ in range(episodes):
+        state = start
+        for _ in range(time_limit):
+            action = source.pi[state]
+            next_state, reward, terminated = env_step(kind, state, action, parameters, rng)
+            v_next = 0.0 if terminated else source.v[next_state]
+            tabular_estimator.update(table, rule, state, action, reward + gamma * v_next - source.q[state, action])
+            largest = max(largest, tabular_estimator.size(table, rule, state, action))
+            state = next_state
+            if terminated:
+                break
+    return largest
+
+
+def noise_floor(
+    task: str, q_src: NDArray[np.float64], rule: DeltaRule, gamma: float, episodes: int, seed: int
+) -> float:
+    """The largest delta that the gate of `rule` meets on the source task `task`, following argmax of q_src (S, A).
+
+    Random numbers come from a stream of their own, by `seed` and the source task.
+    """
+    dynamics = parse_task(task).dynamics()
+    source = SourceTables(np.array(q_src), q_src.max(axis=1), q_src.argmax(axis=1))
+    rng = stream(seed, "calibration", task)
+    where = dynamics.kind, dynamics.parameters, dynamics.start, dynamics.time_limit
+    tables = (tabular_estimator.empty_table(*q_src.shape) for _ in range(RUNS))
+    return max(float(_largest(*where, source, table, rule, gamma, episodes, rng)) for table in tables)
+
+
+FLOOR_EPISODES = 10
+"""Episodes on the source's own task, unless said."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What one episode says of the source that was followed in it."""
+
+    path_delta: float
+    """sum_t gamma^t delta(s_t, a_t): the discounted return less what the source promised, V_src(s_0)."""
+    promise: float
+    """V_src(s_0)."""
+    mean_abs: float
+    """Mean |delta| over its steps."""
+    mean_square: float
+    """Mean delta^2 over its steps."""
+    steps: int
+
+
+@dataclass(frozen=True)
+class SelfDelta:
+    """delta of a source on its own task, where only its errors are left of it."""
+
+    mean_abs: float
+    """Mean over all steps of |delta|."""
+    root_mean_square: float
+    """Root of the mean over all steps of delta^2."""
+    episodes: tuple[Episode, ...]
+
+
+def delta_samples(source: Values, seen: Transitions, gamma: float) -> F32:
+    """Samples r + gamma max_b Q_src(s',b) - Q_src(s,a), (n,); 0 for max_b where terminated: eq. (4)'s targets."""
+    future = np.where(seen.terminated, np.float32(0), np.float32(gamma) * source.rows(seen.next_observations).max(1))
+    q = np.take_along_axis(source.rows(seen.observations), seen.actions[:, None], axis=1)[:, 0]
+    result: F32 = seen.rewards + future - q
+    return result
+
+
+def episode_of(source: Values, seen: Transitions, gamma: float) -> Episode:
+    """What the transitions of one episode, in order, say of the source that was followed in it."""
+    samples = delta_samples(source, seen, gamma).astype(np.float64)
+    discounts = gamma ** np.arange(len(samples))
+    promise = float(source.rows(seen.observations[:1]).max())
+    mean_abs, mean_square = float(np.abs(samples).mean()), float((samples**2).mean())
+    return Episode(float(discounts @ samples), promise, mean_abs, mean_square, len(samples))
+
+
+def self_delta(source: Values, task: str, gamma: float, seed: int, episodes: int = FLOOR_EPISODES) -> SelfDelta:
+    """The noise floor of a source trained on `task`: its greedy policy followed there, by a stream of its own."""
+    from trainables.tasks.rollout import Rollout
+
+    rollout = Rollout(parse_task(task), stream(seed, "calibration", task))
+    found = tuple(episode_of(source, rollout.episode(source), gamma) for _ in range(episodes))
+    steps = sum(episode.steps for episode in found)
+    mean_abs = math.fsum(episode.mean_abs * episode.steps for episode in found) / steps
+    square = math.fsum(episode.mean_square * episode.steps for episode in found) / steps
+    return SelfDelta(mean_abs, math.sqrt(square), found)

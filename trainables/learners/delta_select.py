@@ -1,0 +1,247 @@
+"""delta_select: of several sources, follow the one whose delta is smallest along its own path, or none.
+
+Following source k from the start state collects V_src(s_0) + sum_t gamma^t delta_k(s_t, a_t): the paper's identity
+Q_trg^pi - Q_src^pi = delta + gamma E[...] summed along the path. The first term is what the source promises, the
+second, its path delta, is learned here as a running mean over the episodes in which it was followed. Neither the
+largest |delta| nor its mean tells a source that errs where nobody goes from one that walks into a wall.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainables.agents.hyperparameters import DeltaSelect
+from trainables.cell import Cell
+from trainables.curve import EvalPoint
+from trainables.evaluation import expected_return
+from trainables.knowledge import Knowledge, parts
+from trainables.learners.tabular_state import InPlace
+from trainables.numerics.jit import compiled
+from trainables.numerics.rng import stream
+from trainables.tasks.registry import model_of, parse_task
+from trainables.tasks.tabular_env import step as env_step
+
+NONE = -1
+"""No source: Q_trg itself."""
+
+
+class Sources(NamedTuple):
+    """What the sources of a library say, K of them."""
+
+    v: NDArray[np.float64]
+    """(K, S): max_b Q_src(s,b)."""
+    pi: NDArray[np.int64]
+    """(K, S): argmax_b Q_src(s,b)."""
+
+
+class PathDelta(NamedTuple):
+    """Running means of path deltas, and what Q_trg achieves by itself."""
+
+    followed: NDArray[np.int64]
+    """(K,): episodes in which each source was followed."""
+    mean: NDArray[np.float64]
+    """(K,): its mean path delta."""
+    squares: NDArray[np.float64]
+    """(1,): squared deviations from these means, summed over all sources."""
+    own: NDArray[np.float64]
+    """(2,): the running mean of Q_trg's own discounted returns, and the first of them; -infinity before that."""
+    steps: NDArray[np.int64]
+    """(2,): all steps, and those that followed a source."""
+
+
+class Rule(NamedTuple):
+    """The numbers of the agent."""
+
+    learning_rate: float
+    gamma: float
+    truncation_is_terminal: bool
+    practice: float
+    z: float
+    sd_floor: float
+    keep: float
+    own_rate: float
+
+
+@compiled
+def worth_following(promise: float, value: float, own: NDArray[np.float64], keep: float) -> bool:
+    """Whether a source of that value is better than Q_trg now, and keeps its promise over Q_trg untrained."""
+    if value <= own[0]:
+        return False
+    return bool(own[1] == -np.inf or value - own[1] >= keep * (promise - own[1]))
+
+
+@compiled
+def choose(promises: NDArray[np.float64], paths: PathDelta, z: float, sd_floor: float, keep: float) -> int:
+    """The source with the largest upper bound of promise + path delta, or NONE where none is worth following.
+
+    promises (K,): V_src at the start. A source that was never followed goes first: nothing speaks against it.
+    """
+    total, tried = 0, 0
+    for k in range(len(promises)):
+        if paths.followed[k] == 0:
+            return k
+        total += paths.followed[k]
+        tried += 1
+    sd = sd_floor
+    if total > tried:
+        sd = max(sd, math.sqrt(paths.squares[0] / (total - tried)))
+    best, at = -np.inf, NONE
+    for k in range(len(promises)):
+        bound = promises[k] + paths.mean[k] + z * sd / math.sqrt(paths.followed[k])
+        if bound > best and worth_following(promises[k], bound, paths.own, keep):
+            best, at = bound, k
+    return at
+
+
+@compiled
+def note(paths: PathDelta, k: int, collected: float, own_rate: float) -> None:
+    """Take in an episode: the path delta of source k, or what Q_trg itself collected."""
+    if k != NONE:
+        paths.followed[k] += 1
+        error = collected - paths.mean[k]
+        paths.mean[k] += error / paths.followed[k]
+        paths.squares[0] += error * (collected - paths.mean[k])
+    elif paths.own[0] == -np.inf:
+        paths.own[:] = collected
+    else:
+        paths.own[0] += own_rate * (collected - paths.own[0])
+
+
+@compiled
+def run_episodes(
+    kind: int,
+    parameters: NDArray[np.float64],
+    start: int,
+    time_limit: int,
+    q: NDArray[np.float64],
+    sources: Sources,
+    paths: PathDelta,
+    rule: Rule,
+    epsilons: NDArray[np.float64],
+    env_rng: np.random.Generator,
+    explore_rng: np.random.Generator,
+) -> float:
+    """Train q (S, A) for len(epsilons) episodes, with that epsilon in each; the sum of their returns."""
+    total = 0.0
+    promises = sources.v[:, start].copy()
+    for epsilon in epsilons:
+        k = choose(promises, paths, rule.z, rule.sd_floor, rule.keep)
+        if explore_rng.random() < rule.practice and (k == NONE or paths.followed[k] > 0):
+            k = NONE
+        state, discount, collected = start, 1.0, 0.0
+        for t in range(time_limit):
+            if k != NONE:
+                action = sources.pi[k, state]
+            elif explore_rng.random() < epsilon:
+                action = int(explore_rng.integers(0, q.shape[1]))
+            else:
+                action = np.argmax(q[state])
+            next_state, reward, terminated = env_step(kind, state, action, parameters, env_rng)
+            total += reward
+            cut = terminated or (rule.truncation_is_terminal and t == time_limit - 1)
+            if k != NONE:  # a sample of delta, eq. (2): Q_src at the source's own action is V_src
+                v_next = 0.0 if cut else sources.v[k, next_state]
+                collected += discount * (reward + rule.gamma * v_next - sources.v[k, state])
+            else:
+                collected += discount * reward
+            discount *= rule.gamma
+            future = 0.0 if cut else rule.gamma * np.max(q[next_state])
+            q[state, action] += rule.learning_rate * (reward + future - q[state, action])  # eq. (1)
+            paths.steps[0] += 1
+            paths.steps[1] += k != NONE
+            state = next_state
+            if terminated:
+                break
+        note(paths, k, collected, rule.own_rate)
+    return total
+
+
+class SelectLearner(InPlace):
+    """delta_select at work on one task: its tables, counts and random streams."""
+
+    def __init__(self, cell: Cell, source: Knowledge | None) -> None:
+        settings = cell.settings
+        assert isinstance(settings, DeltaSelect)
+        assert source is not None
+        self._settings, self._dynamics = settings, parse_task(cell.task).dynamics()
+        self._model = model_of(cell.task)
+        shape = self._dynamics.states, self._dynamics.actions
+        tables = np.stack([part.q_table(shape) for part in parts(source, len(cell.sources))])
+        self._sources = Sources(tables.max(axis=2), tables.argmax(axis=2))
+        count = len(tables)
+        self._paths = PathDelta(
+            np.zeros(count, np.int64), np.zeros(count), np.zeros(1), np.full(2, -np.inf), np.zeros(2, np.int64)
+        )
+        self._q = np.zeros(shape)
+        self._rule = Rule(
+            settings.learning_rate,
+            settings.gamma,
+            settings.truncation == "terminal",
+            settings.practice,
+            settings.z,
+            settings.sd_floor,
+            settings.keep,
+            settings.own_rate,
+        )
+        self._env_rng = stream(cell.seed, "training_env", cell.task)
+        self._explore_rng = stream(cell.seed, "exploration", cell.task)
+        self._episode, self._seen = 0, (0, 0)
+        self._training_return: float | None = None
+
+    def run(self, episodes: int) -> None:
+        """Train for `episodes` more episodes."""
+        numbers = np.arange(self._episode, self._episode + episodes)
+        dynamics, settings = self._dynamics, self._settings
+        total = run_episodes(
+            dynamics.kind,
+            dynamics.parameters,
+            dynamics.start,
+            dynamics.time_limit,
+            self._q,
+            self._sources,
+            self._paths,
+            self._rule,
+            np.maximum(settings.epsilon_start - settings.epsilon_decay * numbers, 0.0),
+            self._env_rng,
+            self._explore_rng,
+        )
+        self._episode += episodes
+        self._training_return = total / episodes
+
+    def evaluate(self) -> EvalPoint:
+        """The exact return of the source's policy that would be followed now, or of argmax Q_trg where none would."""
+        k = self._chosen()
+        policy = self._q.argmax(axis=1) if k == NONE else self._sources.pi[k]
+        returns = expected_return(self._model, policy, self._settings.gamma)
+        steps, followed = (int(count) for count in self._paths.steps)
+        share = (followed - self._seen[1]) / (steps - self._seen[0]) if steps > self._seen[0] else float(k != NONE)
+        self._seen = steps, followed
+        statistics = {"source": float(k), "source_action_share": share}
+        if k != NONE:
+            statistics["path_delta"] = float(self._paths.mean[k])
+        return EvalPoint(self._episode, steps, *returns, self._training_return, statistics)
+
+    def knowledge(self) -> Knowledge:
+        """Q_trg, for a later transfer."""
+        return Knowledge({"q": self._q.copy()})
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {"q": self._q, **self._paths._asdict()}
+
+    def _chosen(self) -> int:
+        """The source with the largest promise + path delta among those followed and worth following, or NONE.
+
+        Before any was followed it is the one that promises most.
+        """
+        promises = self._sources.v[:, self._dynamics.start]
+        if not self._paths.followed.any():
+            return int(promises.argmax())
+        values = np.where(self._paths.followed > 0, promises + self._paths.mean, -np.inf)
+        for k in np.argsort(-values, kind="stable"):
+            if worth_following(promises[k], values[k], self._paths.own, self._settings.keep):
+                return int(k)
+        return NONE

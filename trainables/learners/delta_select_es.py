@@ -1,0 +1,139 @@
+"""delta_select_es: explicit shaping by that one of several sources whose delta is smallest, or by none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainables.agents.hyperparameters import DeltaSelectShaping
+from trainables.cell import Cell
+from trainables.delta.noise_floor import delta_samples, self_delta
+from trainables.knowledge import Knowledge, parts
+from trainables.learners.advice import Advice, best_action
+from trainables.learners.delta_select import NONE
+from trainables.learners.dqn import DeepLearner, decay_constant
+from trainables.networks.network import Network, source_network
+from trainables.numerics.matmul import F32
+from trainables.tasks.rollout import Transitions
+
+
+class Selection(Advice):
+    """The advice kappa_t exp(-e_k) A_src,k of the source k with the smallest excess e_k, or none over the threshold.
+
+    e_k is what the mean |delta_k| of recent transitions, less z standard errors over episodes, exceeds the mean
+    |delta_k| on the source's own task by; 0 where it does not. Of those with equal e_k the smaller |delta_k| counts.
+    """
+
+    def __init__(
+        self, sources: Sequence[Network], floors: NDArray[np.float64], decay: float, settings: DeltaSelectShaping
+    ) -> None:
+        super().__init__(sources[0], None, decay)
+        self._sources, self._floors, self._settings = sources, floors, settings
+        self._sums = np.zeros((3, len(sources)))
+        """Of |delta|, of its square, and of the transitions: all fading."""
+        self._episodes = 0.0
+        self._at, self.chosen = 0, 0
+        """The best source; and the chosen one, NONE where the best is over the threshold."""
+        self._excess = np.zeros(1, np.float32)
+
+    def observe(self, seen: Transitions, episodes: int) -> None:
+        """Take in transitions, the newest of which belongs to episode number `episodes`, and choose anew."""
+        fade = math.exp((self._episodes - episodes) / self._settings.memory)
+        self._episodes = float(episodes)
+        self._sums *= fade
+        for k, source in enumerate(self._sources):
+            size = np.abs(delta_samples(source, seen, self._settings.gamma)).astype(np.float64)
+            self._sums[:, k] += size.sum(), (size**2).sum(), len(size)
+        mean, excess = self._estimates()
+        self._at = int(np.lexsort((mean, excess))[0])
+        self.chosen = self._at if excess[self._at] <= self._settings.threshold else NONE
+        self._source = self._sources[self._at]
+        self._excess[0] = excess[self._at]
+
+    @property
+    def excess(self) -> float:
+        """e_k of the best source."""
+        return float(self._excess[0])
+
+    def _estimates(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean |delta_k| and e_k of every source."""
+        mean, square = self._sums[:2] / np.maximum(self._sums[2], 1e-300)
+        sd = np.sqrt(np.maximum(square - mean**2, 0.0))
+        episodes = max(1.0, min(self._episodes, self._settings.memory))
+        return mean, np.maximum(mean - self._settings.z * sd / math.sqrt(episodes) - self._floors, 0.0)
+
+    def best(self, q: F32, observation: F32) -> int:
+        """The action that the chosen source's advice makes the best; argmax q without one."""
+        if self.chosen == NONE:
+            return int(q.argmax())
+        return int(best_action(q, self._source.row(observation), self._excess, self.kappa))
+
+    def factor(self, observations: F32) -> F32:
+        """exp(-e_k), (n,); 0 where no source is chosen."""
+        value = 0.0 if self.chosen == NONE else math.exp(-self.excess)
+        return np.full(len(observations), value, np.float32)
+
+    def state(self) -> dict[str, Any]:
+        """What decides how it goes on."""
+        numbers = {"episodes": self._episodes, "chosen": self.chosen, "at": self._at}
+        return numbers | {"sums": self._sums.copy(), "excess": self._excess.copy()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned."""
+        self._sums[:] = state["sums"]
+        self._episodes = float(state["episodes"])
+        self._at, self.chosen = int(state["at"]), int(state["chosen"])
+        self._source = self._sources[self._at]
+        self._excess[:] = state["excess"]
+
+
+class DeepSelectLearner(DeepLearner):
+    """A deep agent whose advice comes from a library."""
+
+    def _build_networks(self, cell: Cell, source: Knowledge | None) -> None:
+        super()._build_networks(cell, None)
+        settings = self._settings
+        assert isinstance(settings, DeltaSelectShaping)
+        assert source is not None
+        shape = self._env.inputs, self._env.actions
+        given = list(zip(cell.sources, parts(source, len(cell.sources)), strict=True))
+        networks = [source_network(part, named.checkpoint, settings, *shape, self._q) for named, part in given]
+        floors = [
+            self_delta(network, named.task, settings.gamma, cell.seed).mean_abs
+            for (named, _), network in zip(given, networks, strict=True)
+        ]
+        named, part = given[0]
+        steps = int(part.arrays["steps"]) if named.steps is None else named.steps
+        self._selection = Selection(networks, np.array(floors), decay_constant(settings, steps), settings)
+        self._advice = self._selection
+
+    def _refresh(self) -> None:
+        super()._refresh()
+        replay = self._replay
+        for part in replay.newest(replay.stale_delta):
+            seen = Transitions(
+                replay.observations[part],
+                replay.actions[part],
+                replay.rewards[part],
+                replay.next_observations[part],
+                replay.terminated[part],
+            )
+            self._selection.observe(seen, self._episode)
+        replay.stale_delta = 0
+
+    def _statistics(self) -> dict[str, float]:
+        own = {"source": float(self._selection.chosen), "delta_excess": self._selection.excess}
+        return super()._statistics() | own
+
+    def state(self) -> dict[str, Any]:
+        """Everything that decides how training goes on, the choice included."""
+        return super().state() | {"selection": self._selection.state()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned."""
+        super().restore(state)
+        self._selection.restore(state["selection"])

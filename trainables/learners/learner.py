@@ -1,0 +1,47 @@
+"""What a learner is: an agent at work on one task, and how it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, Protocol, runtime_checkable
+
+from trainables.agents.registry import agent_named
+from trainables.cell import Cell
+from trainables.curve import EvalPoint
+from trainables.knowledge import Knowledge
+
+
+class Learner(Protocol):
+    """An agent at work on one task. `Agent.learner` names a class that is built from (cell, source)."""
+
+    def run(self, episodes: int) -> None:
+        """Train for that many more episodes."""
+
+    def evaluate(self) -> EvalPoint:
+        """The next point of the evaluation curve."""
+
+    def knowledge(self) -> Knowledge:
+        """What has been learned so far."""
+
+
+@runtime_checkable
+class Resumable(Learner, Protocol):
+    """A learner whose whole state can be saved between two evaluations."""
+
+    def state(self) -> dict[str, Any]:
+        """Arrays and plain data that `checkpoint.save` accepts."""
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned; what follows is equal bit for bit."""
+
+
+def new_learner(cell: Cell, source: Knowledge | None) -> Learner:
+    """The learner of `cell`, before its first episode."""
+    agent = agent_named(cell.agent)
+    made = agent.learner
+    if isinstance(made, str):
+        module, _, name = made.partition(":")
+        made = getattr(import_module(module), name)
+    learner: Learner = made(cell, source)
+    return learner

@@ -1,0 +1,268 @@
+"""The tabular agents: Q-learning and every way of using Q_src beside it, in one episode loop.
+
+The loop is Algorithm 1 of the paper with line 4's test replaced by the agent's own (`Reuse`); the numbers in its
+comments are that algorithm's lines.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainables.agents.hyperparameters import ConfidenceGate, DeltaGate, ProbabilisticPolicyReuse, QLearning, Transfer
+from trainables.cell import Cell
+from trainables.curve import EvalPoint
+from trainables.delta import tabular_estimator
+from trainables.delta.noise_floor import noise_floor
+from trainables.delta.tabular_estimator import DeltaRule, DeltaTable
+from trainables.evaluation import expected_return
+from trainables.knowledge import Knowledge
+from trainables.learners.tabular_state import InPlace
+from trainables.numerics.jit import compiled
+from trainables.numerics.rng import stream
+from trainables.tasks.registry import model_of, parse_task
+from trainables.tasks.spec.tabular_model import Dynamics
+from trainables.tasks.tabular_env import step as env_step
+
+
+class Reuse(IntEnum):
+    """When a step takes the source policy's action."""
+
+    NEVER = 0
+    ALWAYS = 1
+    PSI = 2
+    """With probability psi."""
+    GATE = 3
+    """While no pair is over the threshold."""
+
+
+REUSE = {
+    "q_learning": Reuse.NEVER,
+    "q_warm_start": Reuse.NEVER,
+    "policy_reuse": Reuse.ALWAYS,
+    "ppr": Reuse.PSI,
+    "delta_gate": Reuse.GATE,
+    "confidence_gate": Reuse.GATE,
+}
+
+
+class Tables(NamedTuple):
+    """What the loop reads and writes. Arrays are (S, A) unless said."""
+
+    q: NDArray[np.float64]
+    """Q_trg."""
+    q_src: NDArray[np.float64]
+    v_src: NDArray[np.float64]
+    """(S,): max_b Q_src(s,b)."""
+    pi_src: NDArray[np.int64]
+    """(S,): argmax_b Q_src(s,b)."""
+    delta: DeltaTable
+
+
+class Rule(NamedTuple):
+    """The numbers of eq. (1), and which agent this is."""
+
+    reuse: int
+    has_source: bool
+    learning_rate: float
+    gamma: float
+    truncation_is_terminal: bool
+    delta: DeltaRule
+
+
+class Counts(NamedTuple):
+    """Running counts, each in an array of one element so that the loop can add to it."""
+
+    over: NDArray[np.int64]
+    """Pairs over the threshold now; the gate is open iff 0."""
+    flips: NDArray[np.int64]
+    """Times that the gate opened or closed."""
+    open_steps: NDArray[np.int64]
+    steps: NDArray[np.int64]
+
+
+@compiled
+def run_episodes(
+    kind: int,
+    parameters: NDArray[np.float64],
+    start: int,
+    time_limit: int,
+    tables: Tables,
+    rule: Rule,
+    counts: Counts,
+    epsilons: NDArray[np.float64],
+    psis: NDArray[np.float64],
+    env_rng: np.random.Generator,
+    explore_rng: np.random.Generator,
+) -> float:
+    """Train for len(epsilons) episodes, with that epsilon and psi in each; the sum of their returns."""
+    total = 0.0
+    actions = tables.q.shape[1]
+    for episode in range(len(epsilons)):
+        state = start
+        for t in range(time_limit):  # 3
+            gate_open = counts.over[0] == 0
+            if rule.reuse == Reuse.ALWAYS:
+                follow = True
+            elif rule.reuse == Reuse.PSI:
+                follow = explore_rng.random() < psis[episode]
+            else:
+                follow = rule.reuse == Reuse.GATE and gate_open  # 4
+            if follow:
+                action = tables.pi_src[state]  # 5
+            elif explore_rng.random() < epsilons[episode]:  # 7
+                action = int(explore_rng.integers(0, actions))
+            else:
+                action = np.argmax(tables.q[state])
+            next_state, reward, terminated = env_step(kind, state, action, parameters, env_rng)  # 9
+            total += reward
+            if rule.has_source:  # 10, eq. (2)
+                v_next = 0.0 if terminated else tables.v_src[next_state]
+                sample = reward + rule.gamma * v_next - tables.q_src[state, action]
+                counts.over[0] += tabular_estimator.update(tables.delta, rule.delta, state, action, sample)
+                counts.flips[0] += (counts.over[0] == 0) != gate_open
+            cut = terminated or (rule.truncation_is_terminal and t == time_limit - 1)
+            future = 0.0 if cut else rule.gamma * np.max(tables.q[next_state])
+            tables.q[state, action] += rule.learning_rate * (reward + future - tables.q[state, action])  # 11, eq. (1)
+            counts.open_steps[0] += follow
+            counts.steps[0] += 1
+            state = next_state
+            if terminated:
+                break
+    return total
+
+
+class TabularLearner(InPlace):
+    """One tabular agent at work on one task: its tables, counts and random streams."""
+
+    def __init__(self, cell: Cell, source: Knowledge | None) -> None:
+        settings = cell.settings
+        assert isinstance(settings, QLearning)
+        self._settings = settings
+        self._dynamics = parse_task(cell.task).dynamics()
+        self._model = model_of(cell.task)
+        self._tables = _tables(cell.agent, self._dynamics, source)
+        self._rule = _rule(cell.agent, settings, source is not None)
+        self._calibrated = bool(cell.sources) and getattr(settings, "threshold", None) == "auto"
+        if self._calibrated:
+            self._rule = self._rule._replace(delta=calibrated(cell, self._tables.q_src, self._rule.delta))
+        self._counts = Counts(*(np.zeros(1, np.int64) for _ in Counts._fields))
+        self._env_rng = stream(cell.seed, "training_env", cell.task)
+        self._explore_rng = stream(cell.seed, "exploration", cell.task)
+        self._episode = 0
+        self._training_return: float | None = None
+        self._seen = (0, 0)
+        self._evaluated: tuple[bytes, tuple[float, float]] = (b"", (0.0, 0.0))
+
+    def run(self, episodes: int) -> None:
+        """Train for `episodes` more episodes."""
+        numbers = np.arange(self._episode, self._episode + episodes)
+        dynamics = self._dynamics
+        total = run_episodes(
+            dynamics.kind,
+            dynamics.parameters,
+            dynamics.start,
+            dynamics.time_limit,
+            self._tables,
+            self._rule,
+            self._counts,
+            np.maximum(self._settings.epsilon_start - self._settings.epsilon_decay * numbers, 0.0),
+            self._psi(numbers),
+            self._env_rng,
+            self._explore_rng,
+        )
+        self._episode += episodes
+        self._training_return = total / episodes
+
+    def evaluate(self) -> EvalPoint:
+        """The exact return of the greedy policy now, with delta's statistics since the last call."""
+        policy = self._greedy_policy()
+        key = policy.tobytes()
+        if key != self._evaluated[0]:
+            self._evaluated = key, expected_return(self._model, policy, self._settings.gamma)
+        returns = self._evaluated[1]
+        statistics = self._statistics()
+        steps = int(self._counts.steps[0])
+        self._seen = steps, int(self._counts.open_steps[0])
+        return EvalPoint(self._episode, steps, *returns, self._training_return, statistics)
+
+    def knowledge(self) -> Knowledge:
+        """Q_trg, for a later transfer."""
+        return Knowledge({"q": self._tables.q.copy()})
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        delta = {f"delta_{name}": array for name, array in self._tables.delta._asdict().items()}
+        return {"q": self._tables.q, **delta, **self._counts._asdict()}
+
+    def _greedy_policy(self) -> NDArray[np.int64]:
+        """Gated agents: the source's while the gate is open. Direct reuse: the source's. Others: argmax Q_trg."""
+        gate_open = self._rule.reuse == Reuse.GATE and self._counts.over[0] == 0
+        if gate_open or self._rule.reuse == Reuse.ALWAYS:
+            return self._tables.pi_src
+        greedy: NDArray[np.int64] = self._tables.q.argmax(axis=1)
+        return greedy
+
+    def _psi(self, episodes: NDArray[np.int64]) -> NDArray[np.float64]:
+        """psi_e = psi_start nu^e, multiplied up one episode at a time from the first."""
+        if not isinstance(self._settings, ProbabilisticPolicyReuse):
+            return np.zeros(len(episodes))
+        factors = np.full(int(episodes[-1]) + 1, self._settings.nu)
+        factors[0] = self._settings.psi_start
+        psis: NDArray[np.float64] = np.multiply.accumulate(factors)[episodes[0] :]
+        return psis
+
+    def _statistics(self) -> dict[str, float]:
+        if not self._rule.has_source:
+            return {}
+        counts = self._counts
+        steps, followed = int(counts.steps[0]) - self._seen[0], int(counts.open_steps[0]) - self._seen[1]
+        statistics = {"max_abs_delta": float(np.max(np.abs(self._tables.delta.delta)))}
+        if self._rule.reuse == Reuse.GATE:
+            gate_open = float(counts.over[0] == 0)
+            statistics["pairs_over_threshold"] = float(counts.over[0])
+            statistics["gate_open"] = gate_open
+            statistics["gate_open_share"] = followed / steps if steps else gate_open
+            statistics["gate_flips"] = float(counts.flips[0])
+        if self._calibrated:
+            statistics["threshold"] = self._rule.delta.threshold
+        if self._rule.reuse == Reuse.PSI:
+            statistics["psi"] = float(self._psi(np.array([self._episode]))[0])
+            statistics["source_action_share"] = followed / steps if steps else statistics["psi"]
+        return statistics
+
+
+def _tables(agent: str, dynamics: Dynamics, source: Knowledge | None) -> Tables:
+    shape = (dynamics.states, dynamics.actions)
+    q_src = np.zeros(shape) if source is None else np.array(source.q_table(shape))
+    q = q_src.copy() if agent == "q_warm_start" else np.zeros(shape)
+    return Tables(q, q_src, q_src.max(axis=1), q_src.argmax(axis=1), tabular_estimator.empty_table(*shape))
+
+
+def _threshold(settings: QLearning) -> float:
+    """Delta; infinity for an agent without a gate, and until it is calibrated."""
+    given = settings.threshold if isinstance(settings, DeltaGate | ConfidenceGate) else "auto"
+    return np.inf if given == "auto" else float(given)
+
+
+def _rule(agent: str, settings: QLearning, has_source: bool) -> Rule:
+    confident = isinstance(settings, ConfidenceGate)
+    delta = DeltaRule(
+        confident=confident,
+        learning_rate=settings.delta_learning_rate if isinstance(settings, Transfer) else 0.0,
+        threshold=_threshold(settings),
+        z=settings.z if isinstance(settings, ConfidenceGate) else 0.0,
+        min_visits=settings.min_visits if isinstance(settings, ConfidenceGate) else 0,
+        sd_floor=settings.sd_floor if isinstance(settings, ConfidenceGate) else 0.0,
+    )
+    terminal = settings.truncation == "terminal"
+    return Rule(int(REUSE[agent]), has_source, settings.learning_rate, settings.gamma, terminal, delta)
+
+
+def calibrated(cell: Cell, q_src: NDArray[np.float64], rule: DeltaRule) -> DeltaRule:
+    """The rule with the noise floor of the cell's source over as many episodes as the cell has."""
+    settings = cell.settings
+    floor = noise_floor(cell.sources[0].task, q_src, rule, settings.gamma, settings.episodes, cell.seed)
+    return rule._replace(threshold=floor)

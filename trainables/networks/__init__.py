@@ -1,0 +1,1 @@
+"""The fast Q-network and its torch twin."""

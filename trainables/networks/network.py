@@ -1,0 +1,97 @@
+"""What the deep agents ask of a network, and which one serves a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from trainables.agents.hyperparameters import DQN
+from trainables.errors import InputError
+from trainables.knowledge import Knowledge
+from trainables.networks.numba_qnetwork import QNetwork
+from trainables.numerics.matmul import F32
+
+
+class Network(Protocol):
+    """Q(s, .) with its optimiser; `QNetwork` says what each method does."""
+
+    sizes: NDArray[np.int64]
+    """Inputs, hidden layers, actions; empty for a module of the user's own, whose shape only its factory knows."""
+
+    def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
+        """One Adam step towards targets (B,) at observations (inputs, B), flat, and actions (B,); the loss."""
+
+    def row(self, observation: F32) -> F32:
+        """Q(s, .) (actions,) at one observation (inputs,)."""
+
+    def rows(self, observations: F32) -> F32:
+        """Q(s, .) (n, actions) at observations (n, inputs)."""
+
+    def vector(self) -> F32:
+        """A copy of all parameters, flat."""
+
+    def load_vector(self, vector: F32) -> None:
+        """Take over parameters that `vector` gave."""
+
+    def state(self) -> dict[str, Any]:
+        """Parameters and the optimiser's state, for a checkpoint."""
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned."""
+
+
+def new_network(
+    settings: DQN,
+    inputs: int,
+    actions: int,
+    learning_rate: float,
+    generator: torch.Generator | None = None,
+    hidden: tuple[int, ...] | None = None,
+    beside: Network | None = None,
+) -> Network:
+    """A network for these settings; `hidden` takes the place of their layers. beside: as `QNetwork` has it."""
+    layers = (settings.hidden_size,) * settings.hidden_layers if hidden is None else hidden
+    if settings.module or settings.device != "cpu":
+        from trainables.networks.torch_qnetwork import TorchNetwork
+
+        return TorchNetwork(settings, inputs, actions, learning_rate, generator, layers)
+    return QNetwork(
+        (inputs, *layers, actions),
+        settings.batch_size,
+        learning_rate,
+        max_gradient_norm=settings.max_gradient_norm,
+        huber=settings.loss == "huber",
+        generator=generator,
+        beside=beside if isinstance(beside, QNetwork) else None,
+    )
+
+
+def source_network(
+    knowledge: Knowledge, checkpoint: str, settings: DQN, inputs: int, actions: int, beside: Network | None = None
+) -> Network:
+    """The network that a source's knowledge holds: its `checkpoint` 'last' or 'best'.
+
+    Raises InputError where the knowledge is not a deep agent's, not finite, or of another shape than the task.
+    """
+    arrays = knowledge.arrays
+    if "sizes" not in arrays or checkpoint not in arrays:
+        raise InputError("the source is not the knowledge of a deep agent")
+    sizes, vector = [int(size) for size in arrays["sizes"]], arrays[checkpoint]
+    if sizes and (sizes[0], sizes[-1]) != (inputs, actions):
+        raise InputError(
+            f"the source's network has {sizes[0]} inputs and {sizes[-1]} actions, "
+            f"but the target task has {inputs} and {actions}"
+        )
+    if bool(sizes) != (not settings.module):
+        raise InputError("the source's network is of another kind than the agent's `module`")
+    if not np.isfinite(vector).all():
+        raise InputError("the source's network holds a NaN or an infinity")
+    network = new_network(settings, inputs, actions, 1.0, hidden=tuple(sizes[1:-1]) if sizes else None, beside=beside)
+    if len(vector) != len(network.vector()):
+        raise InputError(f"the source's network has {len(vector)} parameters, but {len(network.vector())} are needed")
+    network.load_vector(vector)
+    return network

@@ -1,0 +1,121 @@
+"""The Q-network that the deep agents share: torch outside, hand-written arithmetic over the same memory inside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from trainables.networks import mlp
+from trainables.numerics.matmul import F32
+
+
+class QNetwork:
+    """A ReLU multilayer perceptron with one output per action, and its Adam optimiser.
+
+    parameters: flat float32, in the order of `as_module().parameters()`; all of torch's face shares its memory.
+    """
+
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        batch_size: int,
+        learning_rate: float,
+        *,
+        max_gradient_norm: float = 10.0,
+        huber: bool = False,
+        generator: torch.Generator | None = None,
+        beside: QNetwork | None = None,
+    ) -> None:
+        """sizes: inputs, hidden layers, actions. generator: draws the Xavier weights; without one they are 0.
+
+        beside: a network of the same thread whose room for intermediate results this one shares if it is as large,
+        so that two networks trained in turn leave each other more of the cache.
+        """
+        self.sizes = np.array(sizes, dtype=np.int64)
+        self.parameters = mlp.aligned(mlp.parameter_count(self.sizes))
+        self.first, self.second = (mlp.aligned(len(self.parameters)) for _ in range(2))
+        self.updates = 0
+        self._settings = learning_rate, max_gradient_norm, huber
+        self._work: mlp.Workspace
+        if beside is not None and np.array_equal(beside.sizes, self.sizes):
+            self._work = beside._work
+        else:
+            self._work = mlp.workspace(self.sizes, max(batch_size, 64))
+        self._trained = self.sizes, self.parameters, self.first, self.second, *self._work[:4], self._work.ones
+        self._rows = mlp.aligned(int(self.sizes[0]) * len(self._work.ones))
+        self._row = mlp.aligned(int(self.sizes[1:].sum()))
+        if generator is not None:
+            self._initialise(generator)
+
+    def _initialise(self, generator: torch.Generator) -> None:
+        """Xavier (Glorot) uniform weights; the biases stay 0."""
+        for weight in (w for w in self.as_module().parameters() if w.ndim == 2):
+            nn.init.xavier_uniform_(weight, generator=generator)
+
+    def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
+        """One Adam step on the mean squared (or Huber) error of Q(s,a) to the targets (B,); the loss before it.
+
+        observations: (obs_dim, B), flat: the batch is last. actions: (B,).
+        """
+        self.updates += 1
+        return mlp.update(*self._trained, observations, actions, targets, self.updates, *self._settings)
+
+    def row(self, observation: F32) -> F32:
+        """Q(s, .) of one observation (obs_dim,), as (actions,). The next call overwrites it."""
+        at = mlp.single(self.sizes, self.parameters, observation, self._row)
+        return self._row[at : at + int(self.sizes[-1])]
+
+    def rows(self, observations: F32) -> F32:
+        """Q(s, .) of many observations (n, obs_dim), as (n, actions)."""
+        out = np.empty((len(observations), int(self.sizes[-1])), np.float32)
+        mlp.outputs(self.sizes, self.parameters, *self._work, self._rows, np.ascontiguousarray(observations), out)
+        return out
+
+    def vector(self) -> F32:
+        """A copy of the parameters, flat."""
+        return self.parameters.copy()
+
+    def load_vector(self, vector: F32) -> None:
+        """Take over flat parameters; the optimiser stays as it is."""
+        self.parameters[:] = vector
+
+    def as_module(self) -> nn.Sequential:
+        """The network as torch's own module over the same memory: a step of either is seen by both."""
+        layers: list[nn.Module] = []
+        flat, at = torch.from_numpy(self.parameters), 0
+        for n_in, n_out in zip(self.sizes[:-1].tolist(), self.sizes[1:].tolist(), strict=True):
+            linear = nn.Linear(n_in, n_out, device="meta")
+            linear.weight = nn.Parameter(flat[at : at + n_in * n_out].view(n_out, n_in))
+            at += n_in * n_out
+            linear.bias = nn.Parameter(flat[at : at + n_out])
+            at += n_out
+            layers += [linear, nn.ReLU()]
+        return nn.Sequential(*layers[:-1])
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """A copy of the parameters under the names of `as_module()`."""
+        return {name: tensor.clone() for name, tensor in self.as_module().state_dict().items()}
+
+    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take over parameters; torch's own error where names or shapes do not fit."""
+        self.as_module().load_state_dict(dict(state))
+
+    def state(self) -> dict[str, Any]:
+        """Parameters and optimiser, for a checkpoint."""
+        return {
+            "parameters": self.parameters.copy(),
+            "first": self.first.copy(),
+            "second": self.second.copy(),
+            "updates": self.updates,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned."""
+        for name in ("parameters", "first", "second"):
+            getattr(self, name)[:] = state[name]
+        self.updates = int(state["updates"])

@@ -1,0 +1,35 @@
+"""Stand-ins for own tasks and agents whose code is not loaded, so that what they left can still be read.
+
+What is known of them comes from the sweep's own notes (`remember`); nothing of them can be run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from trainables.plugins.loader import BROKEN, others
+from trainables.plugins.names import by_file
+
+if TYPE_CHECKING:
+    pass
+
+_NOTES: dict[str, Mapping[str, Any]] = {}
+"""What is known of own code, by canonical name."""
+
+
+def remember(notes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Keep notes that `note` made, by canonical name."""
+    _NOTES.update(notes)
+
+
+def _sentence(kind: str, name: str) -> str:
+    code, _, _ = name.partition(":")
+    file, _, pin = code.partition("@")
+    if code in BROKEN:
+        return f"the {kind} {name} cannot be loaded here ({BROKEN[code]})"
+    if by_file(name) and others(file):
+        return f"the {kind} {name} is of another {file}: the file is @{others(file)[0]} now, it was @{pin} then"
+    if by_file(name):
+        return f"the {kind} {name} needs {file} as it was then (@{pin}): name that file, e.g. with --file {file}"
+    return f"the {kind} {name} needs the package that registers '{file}' in version {pin}, which is not installed here"

@@ -1,0 +1,88 @@
+"""Source networks on a deep target, whose model nobody knows: a path's delta is measured in whole episodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from trainables.delta.noise_floor import Episode, delta_samples, episode_of, self_delta
+from trainables.networks.network import Network
+from trainables.numerics.rng import stream
+from trainables.source_ranking.path_value import Following
+from trainables.tasks.registry import parse_task
+from trainables.tasks.rollout import Rollout
+
+UCB = 1.0
+"""Standard errors by which a source is preferred that has played few episodes."""
+
+
+class DeepBench:
+    """Source networks and the tasks that they were trained on, held against a target."""
+
+    def __init__(self, target: str, sources: Sequence[tuple[str, Network]], gamma: float, seed: int) -> None:
+        self._rollout = Rollout(parse_task(target), stream(seed, "calibration", target))
+        self._sources, self._gamma, self._seed = sources, gamma, seed
+        self._episodes: list[list[Episode]] = [[] for _ in sources]
+        self._squares = np.zeros((len(sources), 2))
+        """Sum of delta^2 and number of samples, over every transition, whoever played it."""
+        self.steps = 0
+
+    def play(self, source: int | None) -> float:
+        """One target episode; its discounted return."""
+        seen = self._rollout.episode(None if source is None else self._sources[source][1])
+        self.steps += len(seen.rewards)
+        for k, (_, network) in enumerate(self._sources):
+            samples = delta_samples(network, seen, self._gamma).astype(np.float64)
+            self._squares[k] += float(samples @ samples), len(samples)
+        if source is not None:
+            self._episodes[source].append(episode_of(self._sources[source][1], seen, self._gamma))
+        return float(self._gamma ** np.arange(len(seen.rewards)) @ seen.rewards.astype(np.float64))
+
+    def values(self) -> list[float]:
+        """The upper end of what each source's episodes say; without one the source goes before all others."""
+        sd = _pooled_sd(self._episodes)
+        return [
+            _mean([e.promise + e.path_delta for e in episodes]) + UCB * sd / math.sqrt(len(episodes))
+            if episodes
+            else math.inf
+            for episodes in self._episodes
+        ]
+
+    def estimates(self) -> list[Following]:
+        """What each source's episodes, and all transitions, say of it."""
+        sd = _pooled_sd(self._episodes)
+        sizes = np.sqrt(self._squares[:, 0] / np.maximum(self._squares[:, 1], 1))
+        return [_following(episodes, sd, float(size)) for episodes, size in zip(self._episodes, sizes, strict=True)]
+
+    def floors(self, episodes: Sequence[int]) -> list[Following]:
+        """Each source followed on its own task."""
+        found = []
+        for (task, network), number in zip(self._sources, episodes, strict=True):
+            own = self_delta(network, task, self._gamma, self._seed, number)
+            found.append(_following(list(own.episodes), _pooled_sd([list(own.episodes)]), own.root_mean_square))
+        return found
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
+
+
+def _pooled_sd(groups: Sequence[Sequence[Episode]]) -> float:
+    """Standard deviation of an episode's value around its source's mean, over all sources; 0 where none has two."""
+    squares, freedom = 0.0, 0
+    for group in groups:
+        values = [episode.promise + episode.path_delta for episode in group]
+        if len(values) > 1:
+            squares += float(np.var(values)) * len(values)
+            freedom += len(values) - 1
+    return math.sqrt(squares / freedom) if freedom else 0.0
+
+
+def _following(episodes: Sequence[Episode], sd: float, size: float) -> Following:
+    if not episodes:
+        return Following(0.0, -math.inf, math.inf, size, 1.0)
+    promise = _mean([episode.promise for episode in episodes])
+    path = _mean([episode.path_delta for episode in episodes])
+    return Following(promise, path, sd / math.sqrt(len(episodes)), size, 0.0)

@@ -1,0 +1,1 @@
+"""Paths, files and checkpoints."""

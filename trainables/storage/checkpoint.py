@@ -1,0 +1,87 @@
+"""One file that holds a whole state: arrays and plain data, no pickle, and a checksum that a torn file cannot pass."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trainables.storage.atomic import write_atomic
+from trainables.storage.paths import is_local
+
+MAGIC = b"deltatune checkpoint 1\n"
+
+
+class CheckpointError(RuntimeError):
+    """A file that is not a whole checkpoint. The text says which and why."""
+
+
+def save(path: Path, state: Mapping[str, Any]) -> None:
+    """Write `state` (nested mappings of arrays, numbers, texts, None and lists of them) to `path` in one step.
+
+    The file is complete on disk before it takes its name, so a crash leaves the old one or the new one.
+    """
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    tree = json.dumps(_split(state, arrays), allow_nan=True)
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **{f"a{number}": array for number, array in enumerate(arrays.values())})
+    text = tree.encode()
+    payload = len(text).to_bytes(8, "big") + text + buffer.getvalue()
+    if is_local(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, MAGIC + hashlib.sha256(payload).digest() + payload)
+
+
+def load(path: Path) -> dict[str, Any]:
+    """The state that `save` wrote. Raises CheckpointError for anything but a whole file, FileNotFoundError for none."""
+    data = path.read_bytes()
+    start = len(MAGIC) + 32
+    payload = data[start:]
+    if not data.startswith(MAGIC):
+        raise CheckpointError(f"{path} is not a checkpoint of this version")
+    if hashlib.sha256(payload).digest() != data[len(MAGIC) : start]:
+        raise CheckpointError(f"{path} is damaged or was not written to its end")
+    length = 8 + int.from_bytes(payload[:8], "big")
+    tree = json.loads(payload[8:length])
+    with np.load(io.BytesIO(payload[length:]), allow_pickle=False) as archive:
+        joined: dict[str, Any] = _join(tree, archive)
+    return joined
+
+
+def load_if_whole(path: Path) -> dict[str, Any] | None:
+    """The state at `path`, or None where there is no whole checkpoint."""
+    try:
+        return load(path)
+    except (CheckpointError, FileNotFoundError, zipfile.BadZipFile):
+        return None
+
+
+def _split(value: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+    """Plain data as it is, with each array replaced by its number."""
+    if isinstance(value, np.ndarray):
+        name = str(len(arrays))
+        arrays[name] = value
+        return {"array": int(name)}
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return {"mapping": {key: _split(item, arrays) for key, item in value.items()}}
+    if isinstance(value, list | tuple):
+        return {"list": [_split(item, arrays) for item in value]}
+    return value
+
+
+def _join(tree: Any, archive: Mapping[str, Any]) -> Any:
+    if not isinstance(tree, dict):
+        return tree
+    if "array" in tree:
+        return archive[f"a{tree['array']}"]
+    if "list" in tree:
+        return [_join(item, archive) for item in tree["list"]]
+    return {key: _join(item, archive) for key, item in tree["mapping"].items()}

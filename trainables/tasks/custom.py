@@ -1,0 +1,55 @@
+"""The task families that users bring, by their canonical names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from trainables.errors import InputError
+from trainables.plugins import entry_points, loader, names
+from trainables.tasks.spec.family import TaskFamily
+
+
+def family(text: str) -> tuple[TaskFamily, str]:
+    """The family that `text` names, and the text of its features; a stand-in where the code is not there.
+
+    Raises InputError for a file that nobody has loaded by its name, and for what is no task.
+    """
+    from trainables.tasks.missing import missing_family
+
+    if not names.by_file(text):
+        code, _, features = text.partition(":")
+        found = installed_family(names.package_name(code)[0])
+        return found if found and found.name == code else missing_family(code, features), features
+    name = names.file_name(text)
+    code = f"{name.path.name}@{name.pin}:{name.attribute}"
+    if not name.pin:
+        raise InputError(f"'{text}' names a file that is not loaded: call trainables.own.load with this name first")
+    thing = loader.attribute(name)
+    return (missing_family(code, name.rest) if thing is None else _family(code, thing)), name.rest
+
+
+def installed_family(name: str) -> TaskFamily | None:
+    """The task that an installed package registers as `name`, called NAME@VERSION; None where none does."""
+    found = entry_points.find("task", name)
+    return _family(*found) if found else None
+
+
+_FAMILIES: dict[str, TaskFamily] = {}
+"""By canonical name: a name stands for one content."""
+
+
+def _family(name: str, thing: Any) -> TaskFamily:
+    if name in _FAMILIES:
+        return _FAMILIES[name]
+    if callable(thing) and not isinstance(thing, type | TaskFamily):
+        try:
+            thing = thing()
+        except Exception as error:
+            raise InputError(f"{name} is not a task: calling it failed ({loader.in_words(error)})") from None
+    if not isinstance(thing, TaskFamily):
+        raise InputError(
+            f"{names.short(name)} is not a task (it is {names.described(thing)}): make one with trainables.own.task"
+        )
+    targets = tuple(f"{name}:{target}" for target in thing.targets)
+    return _FAMILIES.setdefault(name, replace(thing, name=name, targets=targets, origin="own"))

@@ -1,0 +1,207 @@
+"""What every task must pass: equal bits at its defaults and its seed, an effect of every feature, sound numbers."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+from trainables.errors import InputError
+from trainables.plugins.loader import in_words
+from trainables.tasks.make import make_env
+from trainables.tasks.spec.family import ContextFeature, Task, Value
+
+STEPS = 300
+"""Steps of a rollout."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The answer to one question about a task."""
+
+    question: str
+    passed: bool | None
+    """None: the question does not arise."""
+    answer: str
+
+
+def check(task: Task) -> Iterator[Finding]:
+    """The findings on a task, one after the other; nothing further where it cannot be built and stepped."""
+    first = _asked("builds and steps", lambda: _spaces(task))
+    yield first
+    if not first.passed:
+        return
+    yield _asked("the same seed gives the same rollout", lambda: _deterministic(task))
+    yield _asked("observations and rewards", lambda: _numbers(task))
+    if task.tabular:
+        yield _asked("steps agree with the exact model", lambda: _model(task))
+    else:
+        yield _asked("the default is the plain environment, bit for bit", lambda: _plain(task))
+    for feature in task.family.features:
+        yield _asked(f"{feature.name} acts", functools.partial(_effect, task, feature))
+
+
+def steps_per_second(task: Task, seconds: float = 0.5) -> float:
+    """How fast the environment itself steps, resets included."""
+    env, rng = make_env(task), np.random.default_rng(0)
+    env.reset(seed=0)
+    actions = _actions(env, rng, 1000)
+    env.step(actions[0])  # a compiled step is compiled now
+    env.reset()
+    steps, started = 0, time.perf_counter()
+    while (spent := time.perf_counter() - started) < seconds:
+        _, _, terminated, truncated, _ = env.step(actions[steps % 1000])
+        steps += 1
+        if terminated or truncated:
+            env.reset()
+    return steps / spent
+
+
+def rollout(env: gymnasium.Env[Any, Any], steps: int = STEPS) -> list[bytes]:
+    """The bytes of every observation, reward and end under fixed actions and a fixed seed."""
+    seen = [np.asarray(env.reset(seed=7)[0]).tobytes()]
+    for action in _actions(env, np.random.default_rng(1), steps):
+        observation, reward, terminated, truncated, _ = env.step(action)
+        seen.append(np.asarray(observation).tobytes() + np.array([reward, terminated, truncated], float).tobytes())
+        if terminated or truncated:
+            seen.append(np.asarray(env.reset()[0]).tobytes())
+    env.close()
+    return seen
+
+
+def refused(question: str, error: Exception) -> Finding:
+    """Return the finding that a task's code has raised `error`."""
+    return Finding(question, False, in_words(error))
+
+
+def _asked(question: str, ask: Callable[[], tuple[bool | None, str]]) -> Finding:
+    try:
+        return Finding(question, *ask())
+    except Exception as error:
+        return refused(question, error)
+
+
+def _actions(env: gymnasium.Env[Any, Any], rng: np.random.Generator, count: int) -> list[int]:
+    space: Any = env.action_space
+    return [int(action) for action in int(space.start) + rng.integers(0, int(space.n), count)]
+
+
+def _spaces(task: Task) -> tuple[bool, str]:
+    from trainables.tasks.step_env import Environment
+
+    env = make_env(task)
+    rollout(env, 5)
+    if task.tabular:
+        states: Any = env.observation_space
+        return True, f"{states.n} states, {env.action_space.n} actions"  # type: ignore[attr-defined]
+    seen = Environment(make_env(task))
+    return True, f"vectors of {seen.inputs}, {seen.actions} actions, {seen.time_limit} steps at most"
+
+
+def _deterministic(task: Task) -> tuple[bool, str]:
+    first, second = rollout(make_env(task)), rollout(make_env(task))
+    if first == second:
+        return True, f"{STEPS} steps, twice"
+    return False, f"two environments part at step {_parting(first, second)}: draw from self.np_random alone"
+
+
+def _numbers(task: Task) -> tuple[bool, str]:
+    env = make_env(task)
+    space = env.observation_space
+    observation, _ = env.reset(seed=3)
+    outside, rewards = "", []
+    for step, action in enumerate(_actions(env, np.random.default_rng(2), STEPS)):
+        observation, reward, terminated, truncated, _ = env.step(action)
+        rewards.append(float(reward))
+        dtype = np.asarray(observation).dtype
+        if isinstance(space, Box) and (dtype != space.dtype or np.shape(observation) != space.shape):
+            return False, f"at step {step} a {dtype} of shape {np.shape(observation)}, the space says {space}"
+        if not np.isfinite(np.asarray(observation)).all() or not np.isfinite(rewards[-1]):
+            return False, f"at step {step} {observation} with reward {reward}: not finite"
+        if not outside and not space.contains(observation):
+            outside = f"; at step {step} outside of the space's bounds, which agents do not mind"
+        if terminated or truncated:
+            env.reset()
+    return True, f"finite, rewards from {min(rewards):g} to {max(rewards):g}{outside}"
+
+
+def _plain(task: Task) -> tuple[bool | None, str]:
+    if task.family.plain is None:
+        return None, "there is no plain environment to hold it against"
+    default, plain = rollout(make_env(Task(task.family))), rollout(task.family.plain())
+    if default == plain:
+        return True, f"{STEPS} steps"
+    return False, f"they part at step {_parting(default, plain)}: are the features' defaults the environment's own?"
+
+
+def _model(task: Task) -> tuple[bool, str]:
+    model, env = task.model(), make_env(task)
+    state, _ = env.reset(seed=5)
+    actions = model.rewards.shape[1]
+    for action in _actions(env, np.random.default_rng(3), 10 * STEPS):
+        after, _, terminated, truncated, _ = env.step(action)
+        row = model.transitions[[state * actions + action]].toarray()[0]
+        if not row[after] > 0 or terminated != bool(model.terminal[after]):
+            return False, f"state {after} came after {state}, action {action}: the model has it otherwise"
+        state = env.reset()[0] if terminated or truncated else after
+    return True, f"{10 * STEPS} steps"
+
+
+def _effect(task: Task, feature: ContextFeature) -> tuple[bool | None, str]:
+    """Whether some other value changes what comes: the exact model, or a rollout.
+
+    None for an attribute of a Gymnasium environment that random actions do not show: they may never get to the goal
+    whose position it is.
+    """
+    default, tried = _behaviour(Task(task.family)), []
+    for value in _others(feature):
+        changed = Task(task.family, ((feature.name, value),))
+        try:
+            task.family.check(changed.context)
+            differs = _behaviour(changed) != default
+        except InputError:
+            continue
+        if differs:
+            return True, f"with {changed.name.partition(f'{feature.name}=')[2]}, not {feature.text(feature.default)}"
+        tried.append(feature.text(value))
+    known = None if task.family.name.startswith("gym:") else False
+    return known, f"it changes nothing in {STEPS} random steps (tried {', '.join(tried) or 'no other value'})"
+
+
+def _behaviour(task: Task) -> Any:
+    if not task.tabular:
+        env = make_env(task)
+        actions: Any = env.action_space
+        return int(actions.n), rollout(env)
+    model = task.model()
+    arrays = (model.rewards, model.transitions.data, model.transitions.indices, model.transitions.indptr)
+    return model.start, model.time_limit, [array.tobytes() for array in arrays]
+
+
+def _others(feature: ContextFeature) -> Iterator[Value]:
+    """Values beside the default, small changes first."""
+    texts = list(feature.named)
+    if isinstance(feature.default, float):
+        texts += ["1.1x", "2x", "0.5x", *(repr(feature.default + by) for by in (1.0, -1.0, 10.0, -10.0)), "1", "5", "2"]
+    else:
+        for at, by in ((0, 1), (0, -1), (-1, 1), (-1, -1)):
+            values = list(feature.default)
+            values[at] += by
+            texts.append("[" + ",".join(map(str, values)) + "]")
+    for text in texts:
+        try:
+            value = feature.value(text)
+        except InputError:
+            continue
+        if value != feature.default:
+            yield value
+
+
+def _parting(first: list[bytes], second: list[bytes]) -> int:
+    return next((at for at, pair in enumerate(zip(first, second, strict=False)) if pair[0] != pair[1]), len(first))

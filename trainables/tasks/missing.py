@@ -1,0 +1,26 @@
+"""Stand-ins for custom tasks whose code is not loaded, so that their results can still be read."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NoReturn
+
+from trainables.errors import InputError
+from trainables.tasks.spec.family import ContextFeature, TaskFamily, split_features
+
+if TYPE_CHECKING:
+    pass
+from trainables.plugins.notes import _NOTES, _sentence
+
+
+def missing_family(name: str, features: str) -> TaskFamily:
+    """A task family of which nothing but its name and its notes is known."""
+
+    def refuse(*_: object) -> NoReturn:
+        raise InputError(_sentence("task", name))
+
+    notes = _NOTES.get(name, {})
+    parts = [part.partition("=")[::2] for part in split_features(features)]
+    known = tuple(ContextFeature(key, math.nan, "", refuse, {value: value}) for key, value in parts)  # type: ignore[dict-item]
+    model = refuse if notes.get("tabular") else None
+    return TaskFamily(name, "", known, notes.get("defaults", {}), (), refuse, refuse, model, origin="missing")

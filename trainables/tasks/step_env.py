@@ -1,0 +1,71 @@
+"""A task's environment as the deep agents step it: float32 vectors, whole numbers as actions, no wrapper in between."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+
+from trainables.errors import InputError
+from trainables.numerics.matmul import F32
+from trainables.tasks.make import make_env
+from trainables.tasks.spec.family import Task
+from trainables.tasks.wrappers.unwrap import unwrap
+
+
+class _Unchecked(Discrete):
+    """Actions that come from an argmax are in range: the check that every step makes costs as much as its physics."""
+
+    def contains(self, x: Any) -> bool:
+        """Always."""
+        return True
+
+
+class Environment:
+    """One environment. Each episode begins from its own seed, so no state but the caller's outlives an episode."""
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        """Raises InputError for actions that are not discrete."""
+        if not isinstance(env.action_space, Discrete):
+            raise InputError(f"the environment's actions are not discrete ({env.action_space})")
+        self.actions = int(env.action_space.n)
+        self._first = int(env.action_space.start)
+        self._space = env.observation_space
+        self.inputs = int(gymnasium.spaces.flatdim(self._space))
+        self._plain = isinstance(self._space, Box) and self._space.shape == (self.inputs,)
+        self._env, self.time_limit = unwrap(env)
+        self._env.action_space = _Unchecked(self.actions, start=self._first)
+        self._left = self.time_limit
+
+    def reset(self, seed: int) -> F32:
+        """The first observation (inputs,) of a new episode."""
+        self._left = self.time_limit
+        observation, _ = self._env.reset(seed=seed)
+        return self._vector(observation)
+
+    def step(self, action: int) -> tuple[F32, float, bool, bool]:
+        """(next observation (inputs,), reward, terminated, truncated); the time limit truncates."""
+        observation, reward, terminated, truncated, _ = self._env.step(action + self._first)
+        self._left -= 1
+        return self._vector(observation), float(reward), bool(terminated), bool(truncated) or self._left <= 0
+
+    def _vector(self, observation: Any) -> F32:
+        if not self._plain:
+            observation = gymnasium.spaces.flatten(self._space, observation)
+        return np.array(observation, dtype=np.float32)
+
+
+Shape = tuple[int, int]
+"""(states, actions) of a tabular task, (inputs, actions) of another."""
+
+
+def task_shape(task: Task) -> Shape:
+    """What knowledge of `task` must be shaped for."""
+    if task.tabular:
+        dynamics = task.dynamics()
+        return dynamics.states, dynamics.actions
+
+    env = Environment(make_env(task))
+    return env.inputs, env.actions

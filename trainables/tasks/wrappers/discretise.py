@@ -1,0 +1,70 @@
+"""Continuous actions made discrete: `levels` evenly spaced values in each dimension, every combination an action."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from gymnasium.wrappers import TimeLimit
+from numpy.typing import NDArray
+
+from trainables.errors import InputError
+from trainables.tasks.spec.family import ContextFeature, number
+from trainables.tasks.wrappers.unwrap import NO_LIMIT, unwrap
+
+LIMIT = 1024
+"""Most actions: a value is learned for each of them."""
+
+
+def levels_feature(default: float) -> ContextFeature:
+    """The feature that sets the number of levels; a task that has it has continuous actions."""
+    return ContextFeature("levels", default, "values of each dimension of the action", number(2, LIMIT))
+
+
+def action_table(space: gymnasium.Space[Any], levels: float) -> NDArray[Any]:
+    """(n, dimensions): the action that each whole number stands for, the last dimension changing fastest.
+
+    Raises InputError for a space that is no Box, has no bounds, or would have more than LIMIT actions.
+    """
+    if not isinstance(space, Box):
+        raise InputError(f"only Discrete and Box actions can be learned, not {space}")
+    if not np.isfinite(space.low).all() or not np.isfinite(space.high).all():
+        raise InputError(f"actions without bounds cannot be cut into levels ({space})")
+    if levels != int(levels):
+        raise InputError(f"levels must be a whole number (got {levels:g})")
+    dimensions = int(np.prod(space.shape))
+    count = int(levels) ** dimensions
+    if count > LIMIT:
+        raise InputError(
+            f"levels={levels:g} in {dimensions} dimensions are {count} actions, more than {LIMIT}{_most(dimensions)}"
+        )
+    axes = np.linspace(space.low.ravel(), space.high.ravel(), int(levels), dtype=space.dtype).T
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return grid.reshape(count, *space.shape)
+
+
+def _most(dimensions: int) -> str:
+    most = next((n for n in range(LIMIT, 1, -1) if n**dimensions <= LIMIT), None)
+    return f": levels={most} are {most**dimensions}" if most else ": there are too many dimensions for two levels each"
+
+
+class Discretised(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """An environment whose action is a row of `action_table`."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any], levels: float) -> None:
+        super().__init__(env)
+        self._table = action_table(env.action_space, levels)
+        self.action_space = Discrete(len(self._table))
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """One step with the action that `action` stands for."""
+        return self.env.step(self._table[action].copy())
+
+
+def discretise(env: gymnasium.Env[Any, Any], levels: float) -> gymnasium.Env[Any, Any]:
+    """The environment with discrete actions, its time limit outermost."""
+    inner, limit = unwrap(env)
+    wrapped = Discretised(inner, levels)
+    return wrapped if limit == NO_LIMIT else TimeLimit(wrapped, limit)
