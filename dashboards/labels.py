@@ -31,9 +31,10 @@ def settings(group: Group, hide: Collection[str] = ()) -> str:
 
 
 def label(group: Group, hide: Collection[str] = ()) -> str:
-    """'agent (settings)', without the settings in `hide`."""
+    """'agent (settings)', without the settings in `hide`, and its source where it has several on the task."""
     own = settings(group, hide)
-    return f"{short(group.agent)} ({own})" if own else short(group.agent)
+    name = f"{short(group.agent)} ({own})" if own else short(group.agent)
+    return name + group.source_label.removeprefix(group.source)
 
 
 def heading(target: str, source: str) -> str:

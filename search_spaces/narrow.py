@@ -9,8 +9,7 @@ from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 from trainables.agents.registry import agent_named
 from trainables.errors import InputError, unknown
-from trainables.plugins.loader import pin
-from trainables.plugins.names import by_file
+from trainables.plugins.loader import canonicalise
 from trainables.tasks.registry import families, parse_task
 
 
@@ -27,7 +26,7 @@ def narrow(
     seeds and hyperparameters replace the space's own. Raises InputError for what the space does not have.
     """
     data: dict[str, Any] = space.to_json()
-    tasks, agents = [_canonical(name) for name in tasks], [_canonical(name) for name in agents]
+    tasks, agents = [canonicalise(name) for name in tasks], [canonicalise(name) for name in agents]
     if tasks:
         data["scenarios"] = _with_tasks(data["scenarios"], tasks)
     for name in agents:
@@ -37,13 +36,11 @@ def narrow(
         data["agents"] = {name: options for name, options in data["agents"].items() if name in agents}
     if seeds is not None:
         data["seeds"] = seeds
+    if not any(agent_named(name).several for name in data["agents"]):
+        for scenario in data["scenarios"]:
+            scenario["source"]["library"] = []
     _settle(data, hyperparameters or {})
     return parse(space.name, data)
-
-
-def _canonical(name: str) -> str:
-    """The name; of own code by file, whose file is run, with the hash of its content."""
-    return pin(name) if by_file(name) else name
 
 
 def _settle(data: dict[str, Any], given: Mapping[str, Any]) -> None:

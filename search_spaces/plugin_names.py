@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from trainables.plugins.loader import pin
+from trainables.plugins.loader import canonicalise
 from trainables.plugins.names import by_file
 from trainables.tasks.registry import parse_task
 
@@ -17,21 +17,21 @@ def pinned(data: dict[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
     folders: where the files are looked for. What is not shaped like a search space is left for its own check.
     """
 
-    def own(value: Any) -> bool:
-        return isinstance(value, str) and by_file(value)
+    def agent(value: Any) -> Any:
+        return canonicalise(value, folders) if isinstance(value, str) else value
 
     def task(value: Any) -> Any:
-        return parse_task(pin(value, folders)).name if own(value) else value
+        return parse_task(agent(value)).name if isinstance(value, str) and by_file(value) else value
 
-    def agent(value: Any) -> Any:
-        return pin(value, folders) if own(value) else value
+    def library(value: Any) -> Any:
+        return [task(name) for name in value] if isinstance(value, list) else value
 
     def scenario(value: Any) -> Any:
         if not isinstance(value, dict):
             return value
         source, targets = value.get("source"), value.get("targets")
         if isinstance(source, dict):
-            names = {"task": task, "agent": agent}
+            names = {"task": task, "agent": agent, "library": library}
             source = {key: names[key](v) if key in names else v for key, v in source.items()}
         if isinstance(targets, list):
             targets = [task(target) for target in targets]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from typing import Annotated, Literal
 
@@ -57,6 +58,11 @@ class SourceSpace(Strict):
     """Whose knowledge a target seed gets: own_seed, its own source seed's last; best_evaluated, the network with the
     best greedy evaluation of all source seeds; a number, that seed's best. Default: own_seed for tabular tasks,
     best_evaluated for deep ones."""
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """The source task, then those of the library."""
+        return (self.task, *self.library)
 
 
 class Scenario(Strict):
@@ -158,7 +164,7 @@ def _check_shapes(source: Task, target: Task) -> None:
     if source.family is target.family and source.family.origin == "built-in":
         return
     try:
-        spaces = [_spaces(source), _spaces(target)]
+        spaces = [_spaces(source.name), _spaces(target.name)]
     except Exception:  # own code that cannot be built, or is not here: its cells say why, the others run
         if {source.family.origin, target.family.origin} == {"built-in"}:
             raise
@@ -167,9 +173,10 @@ def _check_shapes(source: Task, target: Task) -> None:
         raise ValueError(f"targets: {target.name} has {spaces[1]}, the source {source.name} {spaces[0]}")
 
 
-def _spaces(task: Task) -> str:
+@functools.cache
+def _spaces(name: str) -> str:
     """The shape of its observations (or its states) and its actions, in words."""
-    env = make_env(task)
+    env = make_env(parse_task(name))
     states, actions = getattr(env.observation_space, "n", None), getattr(env.action_space, "n", None)
     shape = env.observation_space.shape
     env.close()

@@ -10,21 +10,19 @@ from dashboards.figure_model import Absent, Chart, Panel, Series
 from dashboards.labels import SOURCES, in_order, targets
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
+from orchestrator.planning.arms import Key
 
 NAME, TITLE = "sensitivity", "Sensitivity to each hyperparameter"
 
 NAMED = 8
 """Most values of a hyperparameter that stand evenly spaced under their names; more numbers are drawn to scale."""
 
-Member = tuple[str, str, str]
-"""(task, agent, source)."""
 
-
-def members(findings: Findings) -> dict[Member, list[Group]]:
-    """The complete configurations of each (task, agent, source) that has more than one."""
-    found: dict[Member, list[Group]] = {}
+def members(findings: Findings) -> dict[Key, list[Group]]:
+    """The complete configurations of each arm that has more than one."""
+    found: dict[Key, list[Group]] = {}
     for group in in_order(group for group in findings.groups if group.complete and group.auc):
-        found.setdefault((group.task, group.agent, group.source), []).append(group)
+        found.setdefault(group.key, []).append(group)
     return {key: groups for key, groups in found.items() if len(groups) > 1}
 
 
@@ -51,7 +49,7 @@ def chart(findings: Findings) -> Chart | Absent:
     return Chart(NAME, TITLE, caption, alt, tuple(panels), columns=3)
 
 
-def _panel(task: str, name: str, found: dict[Member, list[Group]]) -> Panel:
+def _panel(task: str, name: str, found: dict[Key, list[Group]]) -> Panel:
     mine = {key: groups for key, groups in found.items() if name in varied_names(groups)}
     values = sorted({_value(group, name) for groups in mine.values() for group in groups}, key=_order)
     to_scale = len(values) > NAMED and all(isinstance(value, int | float) for value in values)
@@ -65,16 +63,17 @@ def _panel(task: str, name: str, found: dict[Member, list[Group]]) -> Panel:
 
 
 def _series(
-    key: Member, groups: Sequence[Group], name: str, places: dict[Any, float], form: Literal["points", "linked"]
+    key: Key, groups: Sequence[Group], name: str, places: dict[Any, float], form: Literal["points", "linked"]
 ) -> Series:
     """The best of an agent's configurations at each value of one hyperparameter."""
-    _, agent, source = key
+    agent, source = key.agent, key.kind
     best = [(place, max(_with(groups, name, value), key=_auc, default=None)) for value, place in places.items()]
     shown = [(place, group.auc) for place, group in best if group and group.auc]
     x, y = tuple(place for place, _ in shown), tuple(auc.value for _, auc in shown)
     low = tuple(auc.value if auc.low is None else auc.low for _, auc in shown)
     high = tuple(auc.value if auc.high is None else auc.high for _, auc in shown)
     label = agent if source == "none" else f"{agent}, {SOURCES[source]}"
+    label += groups[0].source_label.removeprefix(source)
     return Series(agent, label, x, y, (low, high), form=form, hollow=source == "exact")
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from dashboards.figure_model import Absent, Matrix
 from dashboards.labels import SOURCES, in_order, minus, targets
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import signed
+from orchestrator.planning.arms import Key
 
 NAME, TITLE = "matrix", "Transfer effect, source by target"
 
@@ -14,15 +17,17 @@ MARKS = {"helped": "▲ ", "hurt": "▼ "}
 
 
 def chart(findings: Findings) -> Matrix | Absent:
-    """A row per source, kind of source and agent, a column per target; the best configuration of each."""
-    best = {(*_row(group), group.task): group for group in in_order(findings.best) if group.against_base}
-    columns = [target for target in targets(findings) if any(key[-1] == target for key in best)]
+    """A row per source, kind of source, pick and agent, a column per target; the best configuration of each."""
+    best = {group.key: group for group in in_order(findings.best) if group.against_base}
+    columns = [target for target in targets(findings) if any(key.task == target for key in best)]
     if not columns:
         reason = "No configuration with transfer has every seed done beside the agent without transfer."
         return Absent(NAME, TITLE, reason)
     order = list(SOURCES)
-    rows = sorted(dict.fromkeys(key[:3] for key in best), key=lambda row: (row[0], order.index(row[1])))
-    grid = [[best.get((*row, target)) for target in columns] for row in rows]
+    rows = sorted(
+        dict.fromkeys(key._replace(task="") for key in best), key=lambda row: (row.source_task, order.index(row.kind))
+    )
+    grid = [[best.get(row._replace(task=target)) for target in columns] for row in rows]
     caption = (
         "Transfer ratio of each agent's best configuration. ▲ transfer helped, ▼ it hurt (negative transfer): the "
     )
@@ -31,15 +36,17 @@ def chart(findings: Findings) -> Matrix | Absent:
         NAME,
         TITLE,
         caption,
-        tuple(rows),
+        tuple((row.source_task, _kind(row, rows), row.agent) for row in rows),
         tuple(columns),
         tuple(tuple(_text(group) for group in line) for line in grid),
         tuple(tuple((group.verdict or "") if group else "" for group in line) for line in grid),
     )
 
 
-def _row(group: Group) -> tuple[str, str, str]:
-    return group.source_task or "", group.source, group.agent
+def _kind(row: Key, rows: Sequence[Key]) -> str:
+    """The kind of source; with the pick where another row differs in nothing else."""
+    rivals = [other for other in rows if other._replace(pick="") == row._replace(pick="")]
+    return row.kind if len(rivals) == 1 else f"{row.kind} ({row.pick})"
 
 
 def _ratio(group: Group | None) -> float | None:

@@ -75,7 +75,7 @@ def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
     return (
         Datum(group.task, group.task),
         Datum(group.agent, group.agent, agent=group.agent),
-        Datum("–" if group.source == "none" else group.source, group.source),
+        Datum("–" if group.source_label == "none" else group.source_label, group.source),
         Datum(settings(group, hide) or "–", settings(group, hide)),
         Datum(seeds, len(group.seeds)),
         Datum(minus(auc), group.auc.value if group.auc else None),
@@ -108,6 +108,7 @@ def _record(group: Group) -> dict[str, Any]:
     """A group's line of the CSV: every number by itself and in full."""
     against, paper = group.against_base, same_row(group)
     record: dict[str, Any] = {"task": group.task, "agent": group.agent, "source": group.source}
+    record |= {"source_task": group.source_task, "pick": group.pick or None}
     record |= {"settings": settings(group), "seeds_done": len(group.seeds), "seeds_failed": group.failed}
     record |= {"seeds_missing": group.missing, "seeds_stopped": group.stopped}
     record |= _ends("auc", group.auc) | {"auc_sd": group.auc_sd}

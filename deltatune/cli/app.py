@@ -59,14 +59,6 @@ def program() -> str:
     return os.path.relpath(called) if Path(called).name == "deltatune" else "deltatune"
 
 
-def canonical(name: str) -> str:
-    """The name of a task or agent as cells hold it. The file of a name by file is run: the user has named it."""
-    from trainables.plugins.loader import pin
-    from trainables.plugins.names import by_file
-
-    return pin(name) if by_file(name) else name
-
-
 def print_named(name: str, text: str, style: str = "bold") -> None:
     """Print 'name: text' with the name set off. Nothing in either is taken for markup."""
     out.print(Text.assemble((name, style), ": ", text), soft_wrap=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltatune.cli.app import Json, app, canonical, out, print_json, print_named
+from deltatune.cli.app import Json, app, out, print_json, print_named
 
 if TYPE_CHECKING:
     from trainables.agents.agent import Agent
@@ -94,8 +94,9 @@ def bounds(
 ) -> None:
     """Compute the exact delta between two tabular tasks, and check Theorems 1 and 3 on them."""
     from trainables.delta.bounds import bounds as compute
+    from trainables.plugins.loader import canonicalise
 
-    data = asdict(compute(canonical(source), canonical(target), gamma))
+    data = asdict(compute(canonicalise(source), canonicalise(target), gamma))
     if as_json:
         print_json(data)
     else:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from deltatune.cli.app import Json, app, canonical, out, print_json
+from deltatune.cli.app import Json, app, out, print_json
 from deltatune.cli.tables import span
 from trainables.tasks.spec.family import Task
 from trainables.training.throughput import measure, probe
@@ -25,11 +25,12 @@ def check(task: TASK, as_json: Json = False) -> None:
     The file of FILE.py:NAME is run.
     """
     from deltatune.cli.tables import table
+    from trainables.plugins.loader import canonicalise
     from trainables.tasks.env_checker import check as findings
     from trainables.tasks.env_checker import refused, steps_per_second
     from trainables.tasks.registry import parse_task
 
-    parsed = parse_task(canonical(task))
+    parsed = parse_task(canonicalise(task))
     rate, costs = None, []
     with out.status("checking"):
         found = list(findings(parsed))
@@ -66,10 +67,11 @@ def init(
     """
     from search_spaces.template import starter
     from trainables.errors import InputError
+    from trainables.plugins.loader import canonicalise
     from trainables.storage.atomic import write_atomic
     from trainables.storage.folders import make_folder
 
-    text = starter(task, canonical(task), str(output or "mine.yaml"))
+    text = starter(task, canonicalise(task), str(output or "mine.yaml"))
     if output is None:
         typer.echo(text, nl=False)
         return

@@ -127,6 +127,7 @@ def rank(
         int, typer.Option(min=2, help="Episodes to play on the target, for all sources together.")
     ] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Of the episodes' randomness.")] = 0,
+    file: Annotated[list[str] | None, typer.Option("--file", help="Run this file first; repeat for more.")] = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
@@ -136,8 +137,12 @@ def rank(
     """
     from orchestrator.sources.library import SourceLibrary
     from orchestrator.sources.ranking import rank_sources
+    from trainables.plugins.loader import canonicalise, load_file
 
-    found = rank_sources(target, SourceLibrary(storage).find(source or []), episodes, seed)
+    for path in file or ():
+        load_file(path)
+    target, names = canonicalise(target), [canonicalise(name) for name in source or ()]
+    found = rank_sources(target, SourceLibrary(storage).find(names), episodes, seed)
     data = found.to_json()
     if as_json:
         print_json(data)

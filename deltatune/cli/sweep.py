@@ -56,6 +56,7 @@ def sweep(
     from orchestrator.execution.sweep import run
     from orchestrator.export.best_params import read_params
     from orchestrator.model_registry import pretrained
+    from orchestrator.planning.params import check_params
     from orchestrator.results.sweep_folder import Results
     from orchestrator.tracking.tracker import Tracker
     from orchestrator.tracking.uri import tracking_uri as store_uri
@@ -65,6 +66,9 @@ def sweep(
     chosen = narrow(
         load(space), tasks=task or (), agents=agent or (), seeds=seeds, hyperparameters=_settings(settings or [])
     )
+    settled = read_params(params) if params else {}
+    if said := check_params(str(params), settled, chosen):
+        err.print(said, style="yellow", soft_wrap=True)
     sources = pretrained.read(source, chosen, store_uri(storage, tracking_uri)) if source else []
     how = Settings(
         workers=workers,
@@ -73,7 +77,7 @@ def sweep(
         checkpoint_seconds=checkpoint_every,
         time_limit=time_limit,
         resources=Resources(cpus_per_cell, gpus_per_cell, memory_per_cell),
-        params=read_params(params) if params else {},
+        params=settled,
         given=pretrained.runs(sources, chosen.seeds),
     )
     uri = store_uri(storage, tracking_uri) if mlflow else None

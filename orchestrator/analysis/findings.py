@@ -35,7 +35,7 @@ class Findings:
 
     @property
     def best(self) -> list[Group]:
-        """The best configuration of each (task, agent, source)."""
+        """The best configuration of each arm."""
         return [selected.best for selected in self.selected.values()]
 
 

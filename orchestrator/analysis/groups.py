@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import pandas as pd
 
 from orchestrator.analysis import statistics
 from orchestrator.analysis.statistics import Estimate, TransferRatio
+from orchestrator.planning.arms import Key
 from trainables.agents.registry import agent_named
+from trainables.plugins.names import short
 
 Values = Mapping[str, Any]
 
@@ -70,6 +72,15 @@ class Group:
     """max |delta| at the end, as the agent estimated it."""
     against_base: Comparison | None
     """None for an agent without transfer, and where the one without transfer is not in the sweep."""
+    pick: str = ""
+    """Whose knowledge a seed got, where that is known."""
+    source_label: str = ""
+    """`source`, with the source task and the pick where the sweep has several for the task and agent."""
+
+    @property
+    def key(self) -> Key:
+        """The arm that it is a configuration of."""
+        return Key(self.task, self.agent, self.source_task or "", self.source, self.pick)
 
     @property
     def verdict(self) -> Verdict | None:
@@ -88,7 +99,20 @@ def groups(cells: pd.DataFrame) -> list[Group]:
         return []
     frames: dict[str, pd.DataFrame] = {str(key): frame for key, frame in cells.groupby("group", sort=False)}
     bases = {_base_key(frame.iloc[0]): frame for frame in frames.values() if frame.iloc[0]["source"] == "none"}
-    return [_group(key, frame, bases) for key, frame in frames.items()]
+    found = [_group(key, frame, bases) for key, frame in frames.items()]
+    arms = {group.key for group in found}
+    return [replace(group, source_label=_source_label(group, arms)) for group in found]
+
+
+def _source_label(group: Group, arms: Collection[Key]) -> str:
+    """The kind of source, with what tells it from the others that the agent has on the task."""
+    rivals = [key for key in arms if (key.task, key.agent, key.kind) == (group.task, group.agent, group.source)]
+    text = group.source
+    if group.source_task and len({key.source_task for key in rivals}) > 1:
+        text += f" {'for' if group.source == 'none' else 'from'} {short(group.source_task)}"
+    if group.pick and len({key.pick for key in rivals if key.source_task == group.source_task}) > 1:
+        text += f", {group.pick}"
+    return text
 
 
 def _base_key(row: pd.Series, agent: str | None = None) -> tuple[str, str, str]:
@@ -110,7 +134,7 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         task=str(first["task"]),
         agent=str(first["agent"]),
         source=str(first["source"]),
-        source_task=first["source_task"] if isinstance(first["source_task"], str) else None,
+        source_task=_text(first, "source_task") or _text(first, "baseline_for") or None,
         hyperparameters=json.loads(first["hyperparameters"]),
         seeds=tuple(int(seed) for seed in done["seed"]),
         failed=int((frame["status"] == "failed").sum()),
@@ -123,7 +147,14 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         asymptotic=_mean(done, "asymptotic"),
         max_abs_delta=_mean(done, "final_max_abs_delta"),
         against_base=_compare(done, without) if without is not None else None,
+        pick=_text(first, "pick"),
     )
+
+
+def _text(row: pd.Series, column: str) -> str:
+    """What a column says; empty where it is empty or not there."""
+    value = row.get(column)
+    return value if isinstance(value, str) else ""
 
 
 def _mean(done: pd.DataFrame, column: str) -> Estimate | None:

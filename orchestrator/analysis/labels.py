@@ -42,7 +42,12 @@ def cell_name(cell: Cell) -> str:
 def group_name(group: Group) -> str:
     """A group's name for people."""
     text = settings_text(varied(group.agent, group.task, group.hyperparameters)).replace("=", " ")
-    parts = [_short(group.agent), _short(group.task), group.source if group.source != "none" else "", text]
+    parts = [
+        _short(group.agent),
+        _short(group.task),
+        _short(group.source_label) if group.source_label != "none" else "",
+        text,
+    ]
     return " / ".join(part for part in parts if part and part != "-")
 
 

@@ -68,7 +68,9 @@ def table(cells: pd.DataFrame) -> pd.DataFrame:
     """A row per source, target and agent of a sweep's cells table: every measure, and the transfer ratio."""
     rows = []
     every = groups(cells)
-    reuse = {group.task: group for group in every if group.agent == "policy_reuse" and group.complete}
+    reuse = {
+        (group.source_task, group.task): group for group in every if group.agent == "policy_reuse" and group.complete
+    }
     known: dict[tuple[str, str], Measures] = {}
     for group in every:
         if group.against_base is None or group.source_task is None or not group.complete:
@@ -76,7 +78,7 @@ def table(cells: pd.DataFrame) -> pd.DataFrame:
         pair = group.source_task, group.task
         if pair not in known:
             known[pair] = measures(*pair, float(group.hyperparameters["gamma"]))
-        rows.append(_row(group, known[pair], reuse.get(group.task)))
+        rows.append(_row(group, known[pair], reuse.get(pair)))
     return pd.DataFrame(rows)
 
 

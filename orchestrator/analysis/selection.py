@@ -1,4 +1,4 @@
-"""The best hyperparameters of each (task, agent, source), by one rule."""
+"""The best hyperparameters of each arm, by one rule."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RULE = (
 
 @dataclass(frozen=True)
 class Selected:
-    """The best group of a (task, agent, source), and those that it is not clearly better than."""
+    """The best group of an arm, and those that it is not clearly better than."""
 
     best: Group
     ties: tuple[Group, ...]
@@ -30,10 +30,10 @@ class Selected:
 
 
 def select(groups: Iterable[Group], cells: pd.DataFrame) -> dict[Key, Selected]:
-    """The selection for every (task, agent, source) with at least one complete group."""
+    """The selection for every arm with at least one complete group."""
     byname: dict[Key, list[Group]] = {}
     for group in groups:
-        byname.setdefault((group.task, group.agent, group.source), []).append(group)
+        byname.setdefault(group.key, []).append(group)
     selected = {}
     for key, members in byname.items():
         complete = [group for group in members if group.complete]

@@ -31,7 +31,7 @@ def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
     return (
         short(group.task),
         short(group.agent),
-        group.source,
+        group.source_label,
         settings_text({name: value for name, value in own.items() if name not in hide}),
         seeds,
         mean,

@@ -1,4 +1,4 @@
-"""Tune's schedulers, one for each agent/task pair: only configurations of the same pair compete."""
+"""Tune's schedulers, one for each arm: only configurations of the same arm compete."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from ray.tune.schedulers import AsyncHyperBandScheduler, FIFOScheduler, MedianStoppingRule, TrialScheduler
 
-from orchestrator.planning.arms import Key, key_of
+from orchestrator.planning.arms import Arm
 from search_spaces.search_space import Scheduler
 from trainables.cell import Cell
 
@@ -20,7 +20,7 @@ Scores = Sequence[float]
 
 
 def scheduler(settings: Scheduler, cell: Cell) -> TrialScheduler:
-    """A new scheduler for the pair that `cell` is of."""
+    """A new scheduler for the arm that `cell` is of."""
     if settings.method == "asha":
         evaluations = 1 + math.ceil(cell.settings.episodes / cell.settings.evaluate_every)
         return AsyncHyperBandScheduler(
@@ -44,19 +44,24 @@ class _Past:
         self.trial_id = f"past{number}"
 
 
-class PairSchedulers(FIFOScheduler):
-    """Hands each result to its pair's scheduler, which first sees what earlier runs of the sweep had of the pair.
+class ArmSchedulers(FIFOScheduler):
+    """Hands each result to its arm's scheduler, which first sees what earlier runs of the sweep had of the arm.
 
     cells: the cells of a trial that may be stopped; empty for the others.
-    history: the scores of a pair's configurations in earlier runs.
+    arms: those of the stage.
+    history: the scores of an arm's configurations in earlier runs.
     """
 
     def __init__(
-        self, settings: Scheduler, cells: Callable[[str], Sequence[Cell]], history: Callable[[Cell], Iterable[Scores]]
+        self,
+        settings: Scheduler,
+        cells: Callable[[str], Sequence[Cell]],
+        arms: Sequence[Arm],
+        history: Callable[[Arm], Iterable[Scores]],
     ) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
-        self._settings, self._cells, self._history = settings, cells, history
-        self._pairs: dict[Key, TrialScheduler] = {}
+        self._settings, self._cells, self._arms, self._history = settings, cells, arms, history
+        self._schedulers: dict[str, TrialScheduler] = {}
         self._trials: dict[str, TrialScheduler] = {}
         self.stopped: dict[str, str] = {}
         """Trial to the reason."""
@@ -70,19 +75,20 @@ class PairSchedulers(FIFOScheduler):
         if METRIC not in result or not (cells := self._cells(trial.trial_id)):
             return str(TrialScheduler.CONTINUE)
         if trial.trial_id not in self._trials:
-            self._trials[trial.trial_id] = self._pair(tune_controller, cells[0])
+            self._trials[trial.trial_id] = self._scheduler(tune_controller, cells)
             self._trials[trial.trial_id].on_trial_add(tune_controller, trial)
         decision = self._trials[trial.trial_id].on_trial_result(tune_controller, trial, result)
         if decision == TrialScheduler.STOP:
             self.stopped[trial.trial_id] = f"stopped early by {self._settings.method} after {result[TIME]} evaluations"
         return str(decision)
 
-    def _pair(self, controller: Any, cell: Cell) -> TrialScheduler:
-        if (key := key_of(cell)) not in self._pairs:
-            self._pairs[key] = scheduler(self._settings, cell)
-            for number, scores in enumerate(self._history(cell)):
+    def _scheduler(self, controller: Any, cells: Sequence[Cell]) -> TrialScheduler:
+        arm = next(arm for arm in self._arms if all(arm.owns(cell) for cell in cells))
+        if arm.content not in self._schedulers:
+            self._schedulers[arm.content] = new = scheduler(self._settings, cells[0])
+            for number, scores in enumerate(self._history(arm)):
                 past: Any = _Past(number)
-                self._pairs[key].on_trial_add(controller, past)
+                new.on_trial_add(controller, past)
                 for evaluation, score in enumerate(scores, start=1):
-                    self._pairs[key].on_trial_result(controller, past, {TIME: evaluation, METRIC: score})
-        return self._pairs[key]
+                    new.on_trial_result(controller, past, {TIME: evaluation, METRIC: score})
+        return self._schedulers[arm.content]

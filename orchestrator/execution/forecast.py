@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.errors import SweepError
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.source_choice import choose
-from orchestrator.planning import source_choice
-from orchestrator.planning.arms import Pair
-from orchestrator.planning.plan import SOURCE, TRANSFER, source_pairs, transfer_pairs
-from orchestrator.planning.source_choice import SourceChoice, SourceRun
+from orchestrator.planning.arms import Arm, distinct
+from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
+from orchestrator.planning.source_choice import SourceChoice, settle, untrained
 from orchestrator.results.status import sweeps
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
@@ -28,6 +26,9 @@ from trainables.training.throughput import Rate, measure
 
 SIZES = ("hidden_size", "hidden_layers", "batch_size", "evaluate_every", "evaluation_episodes", "module", "device")
 """Hyperparameters that decide how long an episode takes."""
+
+STAND_IN_STEPS = 10_000_000
+"""T of a source that is not trained yet."""
 
 Key = tuple[str, str, tuple[Any, ...]]
 
@@ -84,50 +85,34 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     Measures for about two seconds each agent and task family of which no sweep in the same storage has a record.
     """
     ledger, costs = Ledger(results, settings.retry_failed, space), _Costs(results.storage)
-    sources = source_pairs(space, settings.params)
+    arms = source_arms(space, settings.params)
     keep = any("learned" in scenario.source.kinds for scenario in space.scenarios)
-    trained = [pair for pair in sources if pair is not None and pair.task not in settings.given]
+    trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.given)
     first = _stage(SOURCE, trained, space, ledger, costs, keep)
-    choices = [
-        SourceChoice({}, {})
-        if pair is None
-        else _choice(ledger, pair, keep)
-        if pair in trained
-        else source_choice.choice(pair, settings.given[pair.task])
-        for pair in sources
-    ]
-    second = _stage(TRANSFER, transfer_pairs(space, choices, settings.params), space, ledger, costs, keep=False)
+    choices = settle(arms, settings.given, lambda arm: _choice(ledger, arm, keep))
+    second = _stage(TRANSFER, transfer_arms(space, choices, settings.params), space, ledger, costs, keep=False)
     return Forecast((first, second), tuple(costs.known.values()), tuple(dict.fromkeys(costs.unknown)), workers)
 
 
-def _stage(stage: str, pairs: Sequence[Pair], space: SearchSpace, ledger: Ledger, costs: _Costs, keep: bool) -> Stage:
-    cells = list({cell.id: cell for pair in pairs for cell in pair.all_cells()}.values())
+def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, costs: _Costs, keep: bool) -> Stage:
+    sound = [arm for arm in arms if not arm.lost]
+    cells = list({cell.id: cell for arm in sound for cell in arm.all_cells()}.values())
     missing = [cell for cell in cells if not ledger.ended(cell, keep)]
     count, done = len(cells), len(cells) - len(missing)
-    for pair in (pair for pair in pairs if pair.ranges):
-        asked, found = space.search.budget * len(pair.seeds), len(ledger.searched(pair))
+    for arm in (arm for arm in sound if arm.ranges):
+        asked, found = space.search.budget * len(arm.seeds), len(ledger.searched(arm))
         count, done = count + asked, done + min(found, asked)
-        missing += pair.cells(_first(pair))[:1] * max(asked - found, 0)
+        missing += arm.cells(arm.first())[:1] * max(asked - found, 0)
     low, high = costs.of(missing)
     return Stage(stage, count, done, low, high)
 
 
-def _choice(ledger: Ledger, pair: Pair, keep: bool) -> SourceChoice:
+def _choice(ledger: Ledger, arm: Arm, keep: bool) -> SourceChoice:
     """The outcome of stage 1 where its cells have ended; else a stand-in, whose transfer cells are none that exist."""
-    cells = pair.all_cells() or ledger.searched(pair)
+    cells = arm.all_cells() or ledger.searched(arm)
     if cells and all(ledger.ended(cell, keep) for cell in cells):
-        try:
-            return choose(ledger, pair, cells)
-        except SweepError:
-            pass
-    values = _first(pair)
-    best = {name: value for name, value in values.items() if name in pair.swept}
-    return SourceChoice(best, {cell.seed: SourceRun(cell, 0.0, 0.0, 10_000_000) for cell in pair.cells(values)})
-
-
-def _first(pair: Pair) -> dict[str, Any]:
-    """One of the pair's configurations."""
-    return pair.grid[0] | {name: option.ends()[0] for name, option in pair.ranges.items()}
+        return choose(ledger, arm, cells)
+    return untrained(arm, steps=STAND_IN_STEPS)
 
 
 class _Costs:

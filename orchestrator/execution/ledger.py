@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from orchestrator.planning.arms import Pair, key_of
+from orchestrator.planning.arms import Arm, labels_of
 from orchestrator.planning.source_choice import SourceRun
 from orchestrator.results.provenance import commit, versions
 from orchestrator.results.record import Record
@@ -32,13 +32,19 @@ class Ledger:
         self._retry_failed = retry_failed
         self._stops = (space or results.space()).search.scheduler is not None
         self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in results.plan().items()}
+        self._labels = results.labels()
+        self._arms: dict[str, Sequence[Arm]] = {}
         self._heads = results.heads()
         self._new: set[str] = set()
 
-    def plan(self, stage: str, cells: Iterable[Cell]) -> list[Cell]:
-        """Write down the cells of a stage; each once."""
+    def plan(self, stage: str, cells: Iterable[Cell], arms: Sequence[Arm] | None = None) -> list[Cell]:
+        """Write down the cells of a stage, each once, and the arms that they are of (default: those of last time)."""
         self._plan[stage] = {cell.id: cell for cell in cells}
-        self._results.set_plan({name: list(planned.values()) for name, planned in self._plan.items()})
+        if arms is not None:
+            self._arms[stage] = arms
+        if stage in self._arms:
+            self._labels[stage] = labels_of(self._arms[stage], self.planned(stage))
+        self._results.set_plan({name: list(planned.values()) for name, planned in self._plan.items()}, self._labels)
         return self.planned(stage)
 
     def planned(self, stage: str) -> list[Cell]:
@@ -80,11 +86,11 @@ class Ledger:
             return None
         return auc([self._auc(cell) for cell in cells])
 
-    def scores(self, pair: Cell) -> list[list[float]]:
-        """The mean of the greedy returns so far, by evaluation, of every configuration of a pair that has ended."""
+    def scores(self, arm: Arm) -> list[list[float]]:
+        """The mean of the greedy returns so far, by evaluation, of every configuration of an arm that has ended."""
         groups: dict[str, list[Cell]] = defaultdict(list)
         for head in self._heads.values():
-            if key_of(head.cell) == key_of(pair) and head.status in ("done", "stopped"):
+            if head.status in ("done", "stopped") and arm.owns(head.cell):
                 groups[head.cell.group].append(head.cell)
         return [self._means(cells) for cells in groups.values()]
 
@@ -112,9 +118,9 @@ class Ledger:
             self._plan[stage][record.cell.id] = record.cell
         return records
 
-    def searched(self, pair: Pair) -> list[Cell]:
-        """The cells that a search of this pair has asked for in earlier runs."""
-        return [head.cell for head in self._heads.values() if pair.owns(head.cell)]
+    def searched(self, arm: Arm) -> list[Cell]:
+        """The cells that a search of this arm has asked for in earlier runs."""
+        return [head.cell for head in self._heads.values() if arm.owns(head.cell)]
 
     def table(self, cells: Iterable[Cell], stage: str) -> pd.DataFrame:
         """The cells table of some cells."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from orchestrator.cluster.resources import Resources
 from orchestrator.planning.arms import Params
 from orchestrator.planning.source_choice import Runs
+from orchestrator.results.record import Record
 
 
 @dataclass(frozen=True)
@@ -44,3 +45,10 @@ class Tally:
     workers: int = 0
     left: int = 0
     """Cells that an interruption has left."""
+
+    def ended(self, record: Record) -> None:
+        """Count an ended cell."""
+        self.ran += 1
+        self.failed += record.status == "failed"
+        self.stopped += record.status == "stopped"
+        self.training_seconds += record.seconds

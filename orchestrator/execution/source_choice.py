@@ -6,26 +6,26 @@ from collections.abc import Iterable
 
 from orchestrator.analysis.groups import groups
 from orchestrator.analysis.selection import select
-from orchestrator.errors import SweepError
 from orchestrator.execution.ledger import Ledger
-from orchestrator.planning.arms import Pair
+from orchestrator.planning.arms import Arm
 from orchestrator.planning.plan import SOURCE
-from orchestrator.planning.source_choice import SourceChoice
+from orchestrator.planning.source_choice import SourceChoice, untrained
 from trainables.cell import Cell
 
 
-def choose(ledger: Ledger, pair: Pair, planned: Iterable[Cell]) -> SourceChoice:
-    """The outcome of stage 1 for one source's pair, whose cells are among `planned` and have ended.
+def choose(ledger: Ledger, arm: Arm, planned: Iterable[Cell]) -> SourceChoice:
+    """The outcome of stage 1 for one source's arm, whose cells are among `planned` and have ended.
 
-    Raises SweepError where no configuration has all its seeds.
+    Where no configuration has all its seeds, the source is lost, and the choice says why.
     """
-    cells = [cell for cell in planned if pair.owns(cell)]
+    cells = [cell for cell in planned if arm.owns(cell)]
     table = ledger.table(cells, SOURCE)
-    selected = select(groups(table), table).get(pair.key)
+    selected = select(groups(table), table).get(arm.key)
     if selected is None:
-        errors = table["error"].dropna()
+        errors = table["error"].dropna() if len(table) else table
         why = f"; the first error: {errors.iloc[0]}" if len(errors) else ""
-        raise SweepError(f"no configuration of {pair.agent} on the source task {pair.task} has all its seeds{why}")
-    best = {name: value for name, value in selected.best.hyperparameters.items() if name in pair.swept}
+        lost = f"no configuration of {arm.agent} on the source task {arm.task} has all its seeds{why}"
+        return untrained(arm, lost=lost)
+    best = {name: value for name, value in selected.best.hyperparameters.items() if name in arm.swept}
     chosen = [cell for cell in cells if cell.group == selected.best.id]
     return SourceChoice(best, {cell.seed: ledger.source_run(cell) for cell in chosen})

@@ -14,7 +14,7 @@ from orchestrator.errors import InterruptedSweepError, SweepError
 from orchestrator.execution.display import Display
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import Settings, Tally
-from orchestrator.planning.arms import Pair
+from orchestrator.planning.arms import Arm
 from orchestrator.results.record import Record
 from orchestrator.results.sweep_folder import Results
 from trainables.agents.registry import agent_named
@@ -24,7 +24,7 @@ from trainables.training.cell_run import Outcome, lost
 from trainables.training.train import source_knowledge
 
 if TYPE_CHECKING:
-    from orchestrator.execution.early_stopping import PairSchedulers
+    from orchestrator.execution.early_stopping import ArmSchedulers
     from orchestrator.execution.work_queue import WorkQueue
     from orchestrator.planning.search import Tuned
 
@@ -38,7 +38,7 @@ class Work:
     """What a stage has to run."""
 
     stage: str
-    pairs: Sequence[Pair]
+    arms: Sequence[Arm]
     missing: list[Cell]
     keep: bool
     """Whether what each cell has learned is wanted."""
@@ -67,12 +67,12 @@ class Stages:
         from orchestrator.planning.search import Tuned
 
         ledger = self._ledger
-        tuned = [pair for pair in work.pairs if pair.ranges]
-        searches = [Tuned(pair, self._space.search, ledger.searched(pair), ledger.score) for pair in tuned]
-        total = len(work.missing) + sum(search.left * len(search.pair.seeds) for search in searches)
+        tuned = [arm for arm in work.arms if arm.ranges]
+        searches = [Tuned(arm, self._space.search, ledger.searched(arm), ledger.score) for arm in tuned]
+        total = len(work.missing) + sum(search.left * len(search.arm.seeds) for search in searches)
         if not total:
             return
-        sources = self._sources([*work.missing, *(cell for pair in tuned for cell in pair.cells(pair.grid[0]))])
+        sources = self._sources([*work.missing, *(cell for arm in tuned for cell in arm.cells(arm.first()))])
         self._connect()
         with Display(self._console, work.stage, total, self._results.folder) as display:
             taking = _Taking(work.stage, ledger, self._tally, display, self._on_record)
@@ -87,6 +87,13 @@ class Stages:
         if any(not ledger.ended(cell, work.keep) for cell in ledger.planned(work.stage)):
             raise InterruptedSweepError
 
+    def lose(self, stage: str, cells: Iterable[tuple[Cell, str]]) -> None:
+        """Write down cells that cannot run, each with the reason, as failed."""
+        outcomes = [lost(cell, why, 0.0) for cell, why in cells]
+        for record in self._ledger.take(stage, outcomes) if outcomes else ():
+            self._tally.ended(record)
+            self._on_record(stage, record)
+
     def _run_queue(
         self, queue: WorkQueue, work: Work, sources: dict[str, Arrays], taking: _Taking, display: Display
     ) -> None:
@@ -95,7 +102,9 @@ class Stages:
 
         shipment = tune_runner.Shipment(sources, work.keep, self._checkpoints, self._settings.checkpoint_seconds)
         with connection.watched_head(display.abandon):
-            tune_runner.run_stage(queue, shipment, self._settings.resources, taking, display, self._schedulers(queue))
+            tune_runner.run_stage(
+                queue, shipment, self._settings.resources, taking, display, self._schedulers(queue, work.arms)
+            )
 
     def _connect(self) -> None:
         """Ray, once; how many cells it takes at a time; and where checkpoints can be."""
@@ -119,15 +128,15 @@ class Stages:
         from orchestrator.execution.work_queue import Ledgered, Pack, WorkQueue
 
         together = self._space.search.scheduler is not None
-        packs, alone = [], work.missing
+        packs: list[Pack] = []
+        alone = work.missing
         if together:
-            rivals = {cell.id for pair in work.pairs if len(pair.grid) > 1 for cell in pair.all_cells()}
-            configurations: dict[str, list[Cell]] = {}
-            for cell in work.missing:
-                if cell.id in rivals:
-                    configurations.setdefault(cell.group, []).append(cell)
-            packs = [Pack(tuple(cells), together=True) for cells in configurations.values()]
-            alone = [cell for cell in work.missing if cell.id not in rivals]
+            left = {cell.id: cell for cell in work.missing}
+            rivals = [arm for arm in work.arms if len(arm.grid) > 1 and not arm.ranges]
+            for configuration in (arm.cells(values) for arm in rivals for values in arm.grid):
+                cells = [left.pop(cell.id) for cell in configuration if cell.id in left]
+                packs += [Pack(tuple(cells), together=True)] if cells else []
+            alone = list(left.values())
         tabular = [cell for cell in alone if agent_named(cell.agent).kind == "tabular"]
         deep = [cell for cell in alone if agent_named(cell.agent).kind != "tabular"]
         tabular.sort(key=lambda cell: (cell.task, cell.agent))
@@ -141,17 +150,17 @@ class Stages:
             time_limit=self._settings.time_limit,
         )
 
-    def _schedulers(self, queue: WorkQueue) -> PairSchedulers | None:
+    def _schedulers(self, queue: WorkQueue, arms: Sequence[Arm]) -> ArmSchedulers | None:
         settings = self._space.search.scheduler
         if settings is None:
             return None
-        from orchestrator.execution.early_stopping import PairSchedulers
+        from orchestrator.execution.early_stopping import ArmSchedulers
 
         def together(trial: str) -> Sequence[Cell]:
             pack = queue.running[trial].pack
             return pack.cells if pack.together else ()
 
-        return PairSchedulers(settings, together, self._ledger.scores)
+        return ArmSchedulers(settings, together, arms, self._ledger.scores)
 
     def _sources(self, cells: Iterable[Cell]) -> dict[str, Arrays]:
         """The arrays of every source that `cells` use, by `Source.key`."""
@@ -181,10 +190,7 @@ class _Taking:
             self.failure = error
             raise
         for record in records:
-            self.tally.ran += 1
-            self.tally.failed += record.status == "failed"
-            self.tally.stopped += record.status == "stopped"
-            self.tally.training_seconds += record.seconds
+            self.tally.ended(record)
             self.display.ended(record)
             self.on_record(self.stage, record)
 

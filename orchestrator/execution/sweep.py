@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import Any
 
 from rich.console import Console
 
@@ -16,12 +14,12 @@ from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import Settings, Tally
 from orchestrator.execution.source_choice import choose
 from orchestrator.execution.stage import OnRecord, Stages, Work
-from orchestrator.planning import source_choice
-from orchestrator.planning.arms import Pair
-from orchestrator.planning.plan import SOURCE, TRANSFER, library_pairs, source_pairs, transfer_pairs
-from orchestrator.planning.source_choice import SourceChoice
+from orchestrator.planning.arms import Arm, distinct
+from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
+from orchestrator.planning.source_choice import Choices, settle
 from orchestrator.results.lock import locked
 from orchestrator.results.sweep_folder import Results
+from search_spaces.search_space import SearchSpace
 
 
 def run(
@@ -30,8 +28,8 @@ def run(
     """Run what is missing of a sweep, telling `on_record` of each cell as it ends.
 
     After Ctrl-C or SIGTERM the tally says in `left` how many cells are left. Raises InputError for a damaged record, a
-    sweep that another driver is at, or a cell that fits on no node; SweepError where no configuration of a source is
-    complete, a record cannot be written or the cluster is gone.
+    sweep that another driver is at, or a cell that fits on no node; SweepError where a record cannot be written or the
+    cluster is gone.
     """
     started = time.monotonic()
     with locked(results.folder), ExitStack() as stack:
@@ -56,48 +54,41 @@ class _Sweep:
     """The two stages of one run."""
 
     def __init__(self, results: Results, settings: Settings, ledger: Ledger, tally: Tally, stages: Stages) -> None:
-        self._space, self._params, self._given = results.space(), settings.params, settings.given
+        self._space, self._settings = results.space(), settings
         self._ledger, self._tally, self._stages = ledger, tally, stages
 
-    def train_sources(self) -> list[SourceChoice]:
-        """Stage 1: the outcome of each scenario's source."""
-        pairs = source_pairs(self._space, self._params)
-        libraries = library_pairs(self._space, self._params)
+    def train_sources(self) -> list[Choices]:
+        """Stage 1: the outcome of each scenario's sources."""
+        arms, pretrained = source_arms(self._space, self._settings.params), self._settings.given
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
-        every = itertools.chain(pairs, *libraries)
-        self._run(SOURCE, [pair for pair in every if pair is not None and pair.task not in self._given], keep)
-        return [
-            replace(self._choice(pair), library=tuple(self._choice(other) for other in library))
-            for pair, library in zip(pairs, libraries, strict=True)
-        ]
+        every = (arm for scenario in arms for arm in scenario.values())
+        self._run(SOURCE, distinct(arm for arm in every if arm.task not in pretrained), keep)
+        return settle(arms, pretrained, lambda arm: choose(self._ledger, arm, self._ledger.planned(SOURCE)))
 
-    def _choice(self, pair: Pair | None) -> SourceChoice:
-        """The outcome of stage 1 for one source."""
-        if pair is None:
-            return SourceChoice({}, {})
-        if pair.task in self._given:
-            return source_choice.choice(pair, self._given[pair.task])
-        return choose(self._ledger, pair, self._ledger.planned(SOURCE))
+    def transfer(self, choices: Sequence[Choices]) -> None:
+        """Stage 2. What a source that has failed was for fails with it; the rest runs."""
+        self._run(TRANSFER, transfer_arms(self._space, choices, self._settings.params), keep=False)
 
-    def transfer(self, choices: Sequence[SourceChoice]) -> None:
-        """Stage 2."""
-        self._run(TRANSFER, transfer_pairs(self._space, choices, self._params), keep=False)
-
-    def _run(self, stage: str, pairs: Sequence[Pair], keep: bool) -> None:
+    def _run(self, stage: str, arms: Sequence[Arm], keep: bool) -> None:
         """Plan a stage and run what it lacks."""
         ledger, search = self._ledger, self._space.search
-        pairs = [_drawn(pair, self._space) if pair.ranges and search.method == "random" else pair for pair in pairs]
-        tuned = [pair for pair in pairs if pair.ranges]
-        searched = [cell for pair in tuned for cell in ledger.searched(pair)]
-        cells = ledger.plan(stage, [*(cell for pair in pairs for cell in pair.all_cells()), *searched])
+        arms = [_drawn(arm, self._space) if arm.ranges and search.method == "random" else arm for arm in arms]
+        lost = {cell.id: (cell, arm.lost) for arm in arms if arm.lost for cell in arm.some_cells()}
+        sound = [arm for arm in arms if not arm.lost]
+        tuned = [arm for arm in sound if arm.ranges]
+        searched = [cell for arm in tuned for cell in ledger.searched(arm)]
+        grids = [cell for arm in sound for cell in arm.all_cells()]
+        cells = ledger.plan(stage, [*grids, *searched, *(cell for cell, _ in lost.values())], arms)
         self._tally.reused += sum(ledger.ended(cell, keep) and not ledger.new(cell) for cell in cells)
-        work = Work(stage, pairs, [cell for cell in cells if not ledger.ended(cell, keep)], keep)
+        lost = {key: lost[key] for key in lost.keys() - {cell.id for cell in (*grids, *searched)}}
+        self._stages.lose(stage, [(cell, why) for cell, why in lost.values() if not ledger.ended(cell)])
+        work = Work(stage, sound, [cell for cell in cells if not ledger.ended(cell, keep)], keep)
         if work.missing or tuned:
             self._stages.run(work)
 
 
-def _drawn(pair: Pair, space: Any) -> Pair:
-    """The pair with its ranges replaced by random draws from them."""
+def _drawn(arm: Arm, space: SearchSpace) -> Arm:
+    """The arm with its ranges replaced by random draws from them."""
     from orchestrator.planning.search import draw
 
-    return replace(pair, grid=tuple(draw(pair, space.search)), ranges={})
+    return replace(arm, grid=tuple(draw(arm, space.search)), ranges={})

@@ -15,7 +15,7 @@ from ray.tune.search import Searcher
 from orchestrator.cluster import nodes
 from orchestrator.cluster.resources import Resources
 from orchestrator.execution.display import Display
-from orchestrator.execution.early_stopping import PairSchedulers
+from orchestrator.execution.early_stopping import ArmSchedulers
 from orchestrator.execution.interrupt import Interrupt
 from orchestrator.execution.work_queue import WorkQueue
 from trainables import curve
@@ -73,7 +73,7 @@ class Relay(tune.Callback):
     """Hands what trials report to the queue and to the driver, and sees to those that are lost or take too long."""
 
     def __init__(
-        self, queue: WorkQueue, take: Take, display: Display, schedulers: PairSchedulers | None, interrupt: Interrupt
+        self, queue: WorkQueue, take: Take, display: Display, schedulers: ArmSchedulers | None, interrupt: Interrupt
     ) -> None:
         self._queue, self._take, self._display = queue, take, display
         self._schedulers, self._interrupt = schedulers, interrupt
@@ -136,7 +136,7 @@ def run_stage(
     resources: Resources,
     take: Take,
     display: Display,
-    schedulers: PairSchedulers | None = None,
+    schedulers: ArmSchedulers | None = None,
 ) -> None:
     """Run a stage, handing each outcome to `take`. What an interrupt has left is still in the queue."""
     folder = tempfile.mkdtemp(prefix="deltatune-")

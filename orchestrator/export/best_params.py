@@ -24,9 +24,9 @@ SCHEMA = 1
 
 
 def best(findings: Findings) -> dict[str, Any]:
-    """The best hyperparameters per task, agent and source, as plain data."""
+    """The best hyperparameters of each arm, as plain data."""
     cells, selected = findings.cells, findings.selected
-    wanted = dict.fromkeys((group.task, group.agent, group.source) for group in findings.groups)
+    wanted = dict.fromkeys(group.key for group in findings.groups)
     return {
         "schema": SCHEMA,
         "sweep": findings.results.name,
@@ -36,7 +36,7 @@ def best(findings: Findings) -> dict[str, Any]:
         "versions": versions(),
         "cells": {str(key): int(n) for key, n in cells["status"].value_counts().items()} if len(cells) else {},
         "best": [_entry(selected[key]) for key in wanted if key in selected],
-        "without_complete_configuration": [list(key) for key in wanted if key not in selected],
+        "without_complete_configuration": [_incomplete(key) for key in wanted if key not in selected],
     }
 
 
@@ -52,7 +52,7 @@ def write_best(findings: Findings, path: Path) -> dict[str, Any]:
 
 
 def read_params(path: Path) -> Params:
-    """The hyperparameters in a file that `write_best` wrote, by (task, agent, source); InputError if it is not one."""
+    """The hyperparameters in a file that `write_best` wrote, by arm; InputError if it is not one."""
     data = read_yaml(path)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not isinstance(data.get("best"), list):
         raise InputError(f"{path}: not a file of best hyperparameters (schema {SCHEMA}, written by 'deltatune export')")
@@ -61,7 +61,8 @@ def read_params(path: Path) -> Params:
         try:
             task, agent = parse_task(entry["task"]), agent_named(entry["agent"])
             values = agent.resolve(task, entry["hyperparameters"]).model_dump()
-            params[task.name, agent.name, str(entry["source"])] = values
+            rest = (str(entry.get(name) or "") for name in ("source_task", "pick"))
+            params[_key(task.name, agent.name, str(entry["source"]), *rest)] = values
         except (KeyError, TypeError, AttributeError) as error:
             raise InputError(
                 f"{path}: best.{number} lacks a task, agent, source or hyperparameters ({error})"
@@ -69,6 +70,15 @@ def read_params(path: Path) -> Params:
         except InputError as error:
             raise InputError(f"{path}: best.{number}: {error}") from None
     return params
+
+
+def _key(task: str, agent: str, kind: str, source_task: str, pick: str) -> Key:
+    return Key(task, agent, parse_task(source_task).name if source_task else "", kind, pick)
+
+
+def _incomplete(key: Key) -> list[str]:
+    """What an arm without a complete configuration is called: task, agent, kind of source, source task, pick."""
+    return [key.task, key.agent, key.kind, key.source_task, key.pick]
 
 
 def _entry(selected: Selected) -> dict[str, Any]:
@@ -79,6 +89,7 @@ def _entry(selected: Selected) -> dict[str, Any]:
         "agent": group.agent,
         "source": group.source,
         "source_task": group.source_task,
+        "pick": group.pick or None,
         "hyperparameters": dict(group.hyperparameters),
         "auc": {**_estimate(group.auc), "sd": group.auc_sd},
         "transfer_ratio": _estimate(comparison.transfer_ratio) if comparison else None,

@@ -54,7 +54,11 @@ def table_1(findings: Findings) -> str:
 
 def _row(group: Group, paper: bool) -> list[str]:
     own = settings_text(varied(group.agent, group.task, group.hyperparameters))
-    name = group.agent + ("" if group.source == "none" else f", {group.source}") + ("" if own == "-" else f" ({own})")
+    name = (
+        group.agent
+        + ("" if group.source_label == "none" else f", {group.source_label}")
+        + ("" if own == "-" else f" ({own})")
+    )
     auc = f"{_number(group.auc.value, 2)} ({group.auc_sd:.2f})" if group.auc else "--"
     cells = [r"\quad " + escape(name), str(len(group.seeds)), auc, *_transfer(group)]
     row = same_row(group)

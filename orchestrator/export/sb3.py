@@ -55,6 +55,8 @@ def _entry(group: Group, steps: float | None) -> dict[str, Any]:
         "task": group.task,
         "agent": group.agent,
         "source": group.source,
+        "source_task": group.source_task,
+        "pick": group.pick or None,
         "kwargs": _arguments(group.hyperparameters, steps),
         "total_timesteps": round(steps) if steps is not None else None,
         "without_counterpart": _lost(group.hyperparameters),

@@ -54,7 +54,8 @@ def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Given]:
     fit its task, or is of no scenario of the space; and for two of one task that do not go together.
     """
     found = [_model(name, uri) if name.startswith("models:") else _file(Path(name)) for name in names]
-    wanted = [parse_task(s.source.task).name for s in space.scenarios if "learned" in s.source.kinds]
+    learned = [scenario.source for scenario in space.scenarios if "learned" in scenario.source.kinds]
+    wanted = [parse_task(task).name for source in learned for task in source.tasks]
     for given in found:
         if given.cell.task not in wanted:
             there = ", ".join(dict.fromkeys(wanted)) or "none"

@@ -1,1 +1,1 @@
-"""From a search space to arms and cells."""
+"""From a search space to arms, and from arms to the cells of each stage."""

@@ -1,50 +1,105 @@
-"""An arm: one task, agent and source with its configurations, over all seeds."""
+"""Arms: a task, an agent and its sources, with the configurations that are tried there over all seeds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+import functools
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 from search_spaces.domains import Range
-from trainables.cell import Cell, Source
+from trainables.agents.registry import agent_named
+from trainables.cell import Cell, Source, content_id
+from trainables.tasks.registry import parse_task
 
 Values = dict[str, Any]
 
 
-Key = tuple[str, str, str]
-"""(task, agent, kind of source: learned, exact or none)."""
+class Key(NamedTuple):
+    """What tells the arms of a sweep apart."""
+
+    task: str
+    agent: str
+    source_task: str = ""
+    """Empty for an agent without transfer, but where several sources have each settled another baseline."""
+    kind: str = "none"
+    """learned, exact or none."""
+    pick: str = ""
+    """Whose knowledge a seed gets (learned sources)."""
 
 
 Params = Mapping[Key, Values]
 """Hyperparameters that are settled already, e.g. by an exported file."""
 
 
-def key_of(cell: Cell) -> Key:
-    """(task, agent, kind of source) of a cell."""
-    return cell.task, cell.agent, cell.sources[0].kind if cell.sources else "none"
+def entry_of(params: Params, key: Key) -> Key | None:
+    """The entry of `params` that says what an arm has, or None. One without a pick, or source task, is for them all."""
+    entries = (key, key._replace(pick=""), key._replace(source_task=""), key._replace(source_task="", pick=""))
+    return next((entry for entry in entries if entry in params), None)
+
+
+class Label(NamedTuple):
+    """What an arm knows of its cells that they do not say themselves."""
+
+    pick: str = ""
+    baseline_for: str = ""
+
+
+PLAIN = Label()
+
+
+def default_pick(task: str) -> str:
+    """Whose knowledge a seed gets from a source task where the search space does not say."""
+    return "own_seed" if parse_task(task).tabular else "best_evaluated"
+
+
+def configuration_id(cell: Cell, label: Label) -> str:
+    """The id that the cells of a configuration share; a cell of two arms is in a configuration of each."""
+    usual = ("", default_pick(cell.sources[0].task) if cell.sources else "")
+    if label.pick in usual and not label.baseline_for:
+        return cell.group
+    return content_id([cell.group, *label])
 
 
 @dataclass(frozen=True)
-class Pair:
-    """An agent on a task, with one kind of source: what is tuned together, over all seeds."""
+class Arm:
+    """One task, agent and source with its configurations: what is tuned together, over all seeds."""
 
     agent: str
     task: str
     seeds: tuple[int, ...]
-    grid: tuple[Values, ...]
+    grid: tuple[Values, ...] = ({},)
     """Configurations to try; with ranges, what goes with every draw from them."""
     ranges: Mapping[str, Range] = field(default_factory=dict)
-    sources: Mapping[int, Source] = field(default_factory=dict)
-    """Seed to source; empty for an agent without one."""
-    libraries: Mapping[int, tuple[Source, ...]] = field(default_factory=dict)
-    """Seed to further sources; empty for an agent that takes one."""
+    sources: Mapping[int, tuple[Source, ...]] = field(default_factory=dict)
+    """Seed to sources; empty for an agent without transfer."""
+    pick: str = ""
+    """Whose knowledge a seed gets; empty where nothing is learned."""
+    baseline_for: str = ""
+    """The source task whose stage 1 has settled this baseline, where other sources have settled another one."""
+    lost: str = ""
+    """Why it cannot run: one of its sources has failed."""
 
     @property
     def key(self) -> Key:
-        """(task, agent, kind of source)."""
-        kinds = {source.kind for source in self.sources.values()}
-        return self.task, self.agent, kinds.pop() if kinds else "none"
+        """(task, agent, source task, kind, pick)."""
+        if not self.sources:
+            return Key(self.task, self.agent, self.baseline_for)
+        first = next(iter(self.sources.values()))[0]
+        return Key(self.task, self.agent, first.task, first.kind, self.pick)
+
+    @property
+    def label(self) -> Label:
+        """What the arm's cells do not say themselves."""
+        return Label(self.pick, self.baseline_for)
+
+    @functools.cached_property
+    def content(self) -> str:
+        """A hash of everything that the arm would train: arms that share it are one."""
+        ranges = {name: option.model_dump() for name, option in self.ranges.items()}
+        sources = {str(seed): [source.model_dump() for source in row] for seed, row in self.sources.items()}
+        return content_id([self.agent, self.task, list(self.seeds), list(self.grid), ranges, sources, self.pick])
 
     @property
     def swept(self) -> set[str]:
@@ -52,17 +107,69 @@ class Pair:
         return {*self.ranges, *(name for values in self.grid for name in values)}
 
     def owns(self, cell: Cell) -> bool:
-        """Whether the cell is one of this pair: its task, agent, seeds and sources."""
-        return key_of(cell) == self.key and cell.seed in self.seeds and cell.sources == self._sources(cell.seed)
+        """Whether the cell is one of this arm: it differs from what the arm trains within the ranges alone."""
+        return (
+            (cell.task, cell.agent) == (self.task, self.agent)
+            and cell.seed in self.seeds
+            and cell.sources == self.sources.get(cell.seed, ())
+            and self._fixed(cell.hyperparameters) in self._configurations
+            and all(_inside(option, float(cell.hyperparameters[name])) for name, option in self.ranges.items())
+        )
+
+    def first(self) -> Values:
+        """One of the arm's configurations."""
+        return self.grid[0] | {name: option.ends()[0] for name, option in self.ranges.items()}
 
     def cells(self, values: Values) -> list[Cell]:
         """One cell per seed with these hyperparameters."""
-        return [Cell.create(self.agent, self.task, seed, values, self._sources(seed)) for seed in self.seeds]
-
-    def _sources(self, seed: int) -> tuple[Source, ...]:
-        first = (self.sources[seed],) if seed in self.sources else ()
-        return (*first, *self.libraries.get(seed, ()))
+        return [Cell.create(self.agent, self.task, seed, values, self.sources.get(seed, ())) for seed in self.seeds]
 
     def all_cells(self) -> list[Cell]:
-        """The cells of the whole grid; none for a pair with ranges, whose cells come up as it is searched."""
+        """The cells of the whole grid; none for an arm with ranges, whose cells come up as it is searched."""
         return [] if self.ranges else [cell for values in self.grid for cell in self.cells(values)]
+
+    def some_cells(self) -> list[Cell]:
+        """The cells of the grid, or of one configuration from the ranges."""
+        return self.all_cells() or self.cells(self.first())
+
+    def _fixed(self, values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
+        return tuple(sorted((name, value) for name, value in values.items() if name not in self.ranges))
+
+    @functools.cached_property
+    def _configurations(self) -> frozenset[tuple[tuple[str, Any], ...]]:
+        agent, task, drawn = agent_named(self.agent), parse_task(self.task), self.first()
+        full = (agent.resolve(task, drawn | values).model_dump() for values in self.grid)
+        return frozenset(self._fixed(values) for values in full)
+
+
+def labels_of(arms: Iterable[Arm], cells: Iterable[Cell]) -> dict[str, list[Label]]:
+    """Cell id to the labels of the arms that it is of; cells whose arms say no more than they do are left out."""
+    candidates: dict[tuple[str, str], list[Arm]] = defaultdict(list)
+    for arm in arms:
+        candidates[arm.task, arm.agent].append(arm)
+    found = {}
+    for cell in cells:
+        labels = list(dict.fromkeys(arm.label for arm in candidates[cell.task, cell.agent] if arm.owns(cell)))
+        if labels not in ([], [PLAIN]):
+            found[cell.id] = labels
+    return found
+
+
+def _inside(option: Range, value: float) -> bool:
+    """Whether a value that was rounded to 12 digits is from the range."""
+    room = 1e-9 * max(abs(option.low), abs(option.high))
+    return option.low - room <= value <= option.high + room
+
+
+def distinct(arms: Iterable[Arm]) -> list[Arm]:
+    """Each arm once; of two that would train the same, one that can run. A baseline names its source if it must."""
+    found: dict[str, Arm] = {}
+    for arm in arms:
+        if arm.content not in found or found[arm.content].lost:
+            found[arm.content] = arm
+    kept = list(found.values())
+    baselines = [(arm.task, arm.agent) for arm in kept if not arm.sources]
+    return [
+        replace(arm, baseline_for="") if baselines.count((arm.task, arm.agent)) == 1 and arm.baseline_for else arm
+        for arm in kept
+    ]

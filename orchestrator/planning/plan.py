@@ -1,14 +1,14 @@
-"""From a search space to the cells of each stage: the source tasks first, then the transfers."""
+"""From a search space to the arms of each stage: the source tasks first, then the transfers."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
-from orchestrator.planning.arms import Key, Pair, Params, Values
-from orchestrator.planning.source_choice import SourceChoice, SourceRun
+from orchestrator.planning.arms import Arm, Params, Values, default_pick, distinct, entry_of
+from orchestrator.planning.source_choice import Choices, SourceChoice, SourceRun
 from search_spaces.domains import Grid, Range
 from search_spaces.search_space import Scenario, SearchSpace, SourceSpace
 from trainables.agents.registry import agent_named
@@ -17,107 +17,94 @@ from trainables.errors import InputError
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
 
+SOURCE, TRANSFER = "source", "transfer"
+"""The stages."""
 
-def source_pairs(space: SearchSpace, params: Params) -> list[Pair | None]:
-    """Stage 1 of each scenario: the source's agent on the source task; None where nothing is learned or chosen."""
-    return [_source_pair(space, scenario, scenario.source.task, params) for scenario in space.scenarios]
-
-
-def library_pairs(space: SearchSpace, params: Params) -> list[list[Pair | None]]:
-    """Stage 1 of each scenario's library: the same as `source_pairs` on each of its further source tasks."""
-    return [
-        [_source_pair(space, scenario, task, params) for task in scenario.source.library]
-        for scenario in space.scenarios
-    ]
+NOTHING = SourceChoice({}, {})
 
 
-def transfer_pairs(space: SearchSpace, choices: Sequence[SourceChoice], params: Params) -> list[Pair]:
-    """Stage 2: agents x targets x kinds of source, given each scenario's outcome of stage 1."""
-    pairs: dict[tuple[Key, str], Pair] = {}
-    for scenario, choice in zip(space.scenarios, choices, strict=True):
-        for target, agent in itertools.product(scenario.targets, space.agents):
-            kinds = scenario.source.kinds if agent_named(agent).needs_source else (None,)
-            for kind in kinds:
-                sources = _sources(scenario.source, scenario.source.task, kind, choice, space.seeds)
-                pair = _pair(space, agent, target, dict(space.agents[agent]), choice.values, params, sources)
-                if agent_named(agent).several:
-                    pair = replace(pair, libraries=_libraries(scenario.source, target, kind, choice, space.seeds))
-                pairs.setdefault((pair.key, scenario.source.task if sources else ""), pair)
-    return list(pairs.values())
+def source_arms(space: SearchSpace, params: Params) -> list[dict[str, Arm]]:
+    """Stage 1 of each scenario: source task to the source's agent on it, where something is learned or chosen there.
+
+    The tasks of a library are trained as the scenario's own source task is.
+    """
+    return [{arm.task: arm for arm in _sources_of(space, scenario.source, params)} for scenario in space.scenarios]
 
 
-def _libraries(
-    source: SourceSpace, target: str, kind: str | None, choice: SourceChoice, seeds: Sequence[int]
-) -> dict[int, tuple[Source, ...]]:
-    """Seed to the sources of the library, without the target itself."""
-    own = parse_task(target).name
-    others = choice.library or (SourceChoice({}, {}),) * len(source.library)
-    columns = [
-        _sources(source, task, kind, other, seeds)
-        for task, other in zip(source.library, others, strict=True)
-        if parse_task(task).name != own
-    ]
-    return {seed: tuple(column[seed] for column in columns) for seed in seeds}
+def _sources_of(space: SearchSpace, source: SourceSpace, params: Params) -> list[Arm]:
+    learned = "learned" in source.kinds
+    if not source.hyperparameters and not learned:
+        return []
+    tasks = source.tasks if learned else source.tasks[:1]
+    arms = [Arm(source.agent, parse_task(task).name, space.seeds) for task in tasks]
+    return [_configured(arm, space, source.hyperparameters, {}, params) for arm in arms]
 
 
-def _source_pair(space: SearchSpace, scenario: Scenario, task: str, params: Params) -> Pair | None:
-    source = scenario.source
-    if not source.hyperparameters and "learned" not in source.kinds:
-        return None
-    return _pair(space, source.agent, task, dict(source.hyperparameters), {}, params, {})
+def transfer_arms(space: SearchSpace, choices: Sequence[Choices], params: Params) -> list[Arm]:
+    """Stage 2: agents x targets x kinds of source, given each scenario's outcome of stage 1.
+
+    An agent without transfer is the baseline at the hyperparameters that stage 1 settled for the scenario's source.
+    """
+    return distinct(
+        _transfer(space, scenario, choice, params, agent, target, kind)
+        for scenario, choice in zip(space.scenarios, choices, strict=True)
+        for target, agent in itertools.product(scenario.targets, space.agents)
+        for kind in (scenario.source.kinds if agent_named(agent).needs_source else ("none",))
+    )
 
 
-def _pair(
-    space: SearchSpace,
-    agent: str,
-    task: str,
-    own: Mapping[str, Grid | Range],
-    inherited: Values,
-    params: Params,
-    sources: Mapping[int, Source],
-) -> Pair:
-    """The agent's own options over the space's over what stage 1 settled; `params` over all of them."""
-    task = parse_task(task).name
-    known = agent_named(agent).hyperparameters.model_fields
-    options = {key: option for key, option in {**space.hyperparameters, **own}.items() if key in known}
-    fixed = {key: value for key, value in inherited.items() if key in known and key not in options}
-    kind = next(iter(sources.values())).kind if sources else "none"
-    if (task, agent, kind) in params:
-        settled = params[task, agent, kind]
-        agent_named(agent).resolve(parse_task(task), settled)
-        return Pair(agent, task, space.seeds, (settled,), {}, sources)
-    grids = {key: option.values for key, option in options.items() if isinstance(option, Grid)}
-    ranges = {key: option for key, option in options.items() if isinstance(option, Range)}
-    grid = tuple(fixed | dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values()))
-    return Pair(agent, task, space.seeds, grid, ranges, sources)
+def _transfer(
+    space: SearchSpace, scenario: Scenario, choices: Choices, params: Params, agent: str, target: str, kind: str
+) -> Arm:
+    source, target = scenario.source, parse_task(target).name
+    first, *others = (parse_task(name).name for name in source.tasks)
+    tasks = [first, *(name for name in others if name != target)] if agent_named(agent).several else [first]
+    of_first = choices.get(first, NOTHING)
+    used = [of_first, *(choices.get(task, NOTHING) for task in tasks if kind == "learned")]
+    lost = next((choice.lost for choice in used if choice.lost), "")
+    if kind == "none":
+        arm = Arm(agent, target, space.seeds, baseline_for=first, lost=lost)
+    else:
+        pick = str(source.pick if source.pick is not None else default_pick(first)) if kind == "learned" else ""
+        columns = [_column(task, kind, pick, choices, space.seeds) for task in tasks]
+        sources = {seed: tuple(column[seed] for column in columns) for seed in space.seeds}
+        arm = Arm(agent, target, space.seeds, sources=sources, pick=pick, lost=lost)
+    return _configured(arm, space, space.agents[agent], of_first.values, params)
 
 
-def _sources(
-    source: SourceSpace, name: str, kind: str | None, choice: SourceChoice, seeds: Iterable[int]
-) -> dict[int, Source]:
+def _configured(
+    arm: Arm, space: SearchSpace, options: Mapping[str, Grid | Range], inherited: Values, params: Params
+) -> Arm:
+    """The arm with its configurations: its options over the space's over what stage 1 settled; `params` over all."""
+    agent = agent_named(arm.agent)
+    if (entry := entry_of(params, arm.key)) is not None:
+        agent.resolve(parse_task(arm.task), params[entry])
+        return replace(arm, grid=(params[entry],))
+    known = agent.hyperparameters.model_fields
+    options = {name: option for name, option in {**space.hyperparameters, **options}.items() if name in known}
+    fixed = {name: value for name, value in inherited.items() if name in known and name not in options}
+    grids = {name: option.values for name, option in options.items() if isinstance(option, Grid)}
+    ranges = {name: option for name, option in options.items() if isinstance(option, Range)}
+    grid = tuple(fixed | dict(zip(grids, chosen, strict=True)) for chosen in itertools.product(*grids.values()))
+    return replace(arm, grid=grid, ranges=ranges)
+
+
+def _column(name: str, kind: str, pick: str, choices: Choices, seeds: Sequence[int]) -> dict[int, Source]:
     """Seed to what is known of the source task `name`."""
     task = parse_task(name)
-    if kind is None:
-        return {}
     if kind == "exact":
         return {seed: Source(task=task.name, kind="exact") for seed in seeds}
+    choice = choices.get(name, NOTHING)
     missing = [seed for seed in seeds if seed not in choice.runs]
     if missing:
         raise InputError(f"the source {task.name} has no trained cell for seed {missing[0]}")
-    pick = source.pick
-    if pick is None:
-        pick = "own_seed" if task.tabular else "best_evaluated"
     if pick == "own_seed":
         return {seed: _learned(task, choice.runs[seed], "last", choice.runs[seed]) for seed in seeds}
-    giver = choice.runs[choice.best_seed() if pick == "best_evaluated" else int(pick)]
-    return {seed: _learned(task, giver, "last" if task.tabular else "best", choice.runs[seed]) for seed in seeds}
+    model = choice.runs[choice.best_seed() if pick == "best_evaluated" else int(pick)]
+    return {seed: _learned(task, model, "last" if task.tabular else "best", choice.runs[seed]) for seed in seeds}
 
 
-def _learned(task: Task, giver: SourceRun, checkpoint: Literal["last", "best"], own: SourceRun) -> Source:
-    """The knowledge of `giver`; T, the steps of C (eq. 6), is that of the target seed's own source run."""
+def _learned(task: Task, model: SourceRun, checkpoint: Literal["last", "best"], own: SourceRun) -> Source:
+    """The knowledge of `model`; T, the steps of C (eq. 6), is that of the target seed's own source run."""
     steps = None if task.tabular else own.steps
-    return Source(task=task.name, kind="learned", cell_id=giver.cell.id, checkpoint=checkpoint, steps=steps)
-
-
-SOURCE, TRANSFER = "source", "transfer"
-"""The stages."""
+    return Source(task=task.name, kind="learned", cell_id=model.cell.id, checkpoint=checkpoint, steps=steps)

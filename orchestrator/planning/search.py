@@ -1,4 +1,4 @@
-"""Searching ranges of hyperparameters: random draws, and Optuna by Tune's searcher."""
+"""Searching ranges of hyperparameters: random draws, and Optuna."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import optuna
-from ray import tune
-from ray.tune.search.optuna import OptunaSearch
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 
-from orchestrator.planning.arms import Pair, Values
+from orchestrator.planning.arms import Arm, Values
 from search_spaces.domains import Range
 from search_spaces.search_space import Search
 from trainables.cell import Cell
@@ -22,66 +21,85 @@ Score = Callable[[Sequence[Cell]], float | None]
 """Mean AUC of the cells of one configuration; None where one of them is not done."""
 
 
-def domain(option: Range) -> Any:
-    """A range as one of Tune's own domains."""
-    if option.integer:
-        return (tune.lograndint if option.log else tune.randint)(int(option.low), int(option.high) + 1)
-    return (tune.loguniform if option.log else tune.uniform)(option.low, option.high)
-
-
-def draw(pair: Pair, search: Search) -> list[Values]:
-    """Random search: `budget` draws from the pair's ranges, the same ones each time; its grid is cycled through."""
-    rng = np.random.RandomState(_seeds(pair, search, 0))
+def draw(arm: Arm, search: Search) -> list[Values]:
+    """Random search: `budget` draws from the arm's ranges, the same ones each time; its grid is cycled through."""
+    rng = np.random.RandomState(_seeds(arm, search, 0))
     draws = []
     for number in range(search.budget):
-        values = {name: _plain(domain(option).sample(random_state=rng)) for name, option in pair.ranges.items()}
-        draws.append(pair.grid[number % len(pair.grid)] | values)
+        values = {name: _plain(sample(option, rng)) for name, option in arm.ranges.items()}
+        draws.append(arm.grid[number % len(arm.grid)] | values)
     return draws
 
 
-def _seeds(pair: Pair, search: Search, tried: int) -> list[int]:
-    """Each pair draws its own numbers, and a search that goes on does not repeat its first ones."""
-    digest = hashlib.sha256("/".join(pair.key).encode()).digest()
+def sample(option: Range, rng: np.random.RandomState) -> float | int:
+    """One draw from a range: uniform, or uniform in the logarithm."""
+    low, high = option.low, option.high + option.integer
+    if option.log:
+        value = np.exp(rng.uniform(np.log(low), np.log(high)))
+        return int(np.floor(value)) if option.integer else float(value)
+    return int(rng.randint(int(low), int(high))) if option.integer else float(rng.uniform(low, high))
+
+
+def distribution(option: Range) -> BaseDistribution:
+    """A range as Optuna has it."""
+    if option.integer:
+        return IntDistribution(int(option.low), int(option.high), log=option.log)
+    return FloatDistribution(option.low, option.high, log=option.log)
+
+
+def _seeds(arm: Arm, search: Search, tried: int) -> list[int]:
+    """Each task, agent and kind of source draws its own numbers; a search that goes on does not repeat its first."""
+    digest = hashlib.sha256("/".join((arm.task, arm.agent, arm.key.kind)).encode()).digest()
     return [int(word) for word in np.random.SeedSequence([search.seed, tried, *digest[:8]]).generate_state(4)]
 
 
 class Tuned:
-    """One pair under Optuna: its searcher, told of the configurations tried before, and what is left of its budget."""
+    """One arm under Optuna: its study, told of the configurations tried before, and what is left of its budget."""
 
-    def __init__(self, pair: Pair, search: Search, searched: Iterable[Cell], score: Score) -> None:
-        self.pair = pair
-        space = {name: domain(option) for name, option in pair.ranges.items()}
-        if len(pair.grid) > 1:
-            space |= {name: tune.choice(list(dict.fromkeys(v[name] for v in pair.grid))) for name in pair.grid[0]}
-        self._fixed = dict(pair.grid[0]) if len(pair.grid) == 1 else {}
+    def __init__(self, arm: Arm, search: Search, searched: Iterable[Cell], score: Score) -> None:
+        self.arm = arm
+        self._space = {name: distribution(option) for name, option in arm.ranges.items()}
+        if len(arm.grid) > 1:
+            for name in arm.grid[0]:
+                self._space[name] = CategoricalDistribution(list(dict.fromkeys(values[name] for values in arm.grid)))
+        self._fixed = dict(arm.grid[0]) if len(arm.grid) == 1 else {}
         tried = {cell.group: dict(cell.hyperparameters) for cell in searched}
         self.left = max(0, search.budget - len(tried))
-        self._asked: dict[str, list[Cell]] = {}
-        self._searcher = OptunaSearch(
-            OptunaSearch.convert_search_space(space), metric="auc", mode="max", seed=_seeds(pair, search, len(tried))[0]
-        )
+        self._asked: dict[str, tuple[optuna.Trial, list[Cell]]] = {}
+        sampler = optuna.samplers.TPESampler(seed=_seeds(arm, search, len(tried))[0])
+        self._study = optuna.create_study(direction="maximize", sampler=sampler)
         for values in tried.values():
-            auc = score(pair.cells(values))
-            inside = all(option.low <= float(values[name]) <= option.high for name, option in pair.ranges.items())
-            if auc is not None and inside:
-                self._searcher.add_evaluated_point({name: values[name] for name in space}, auc)
+            auc = score(arm.cells(values))
+            if auc is not None:
+                self._study.add_trial(self._finished({name: values[name] for name in self._space}, auc))
+
+    def _finished(self, params: Values, auc: float) -> optuna.trial.FrozenTrial:
+        within = {name: self._rounded_into(name, value) for name, value in params.items()}
+        return optuna.trial.create_trial(params=within, distributions=self._space, value=auc)
+
+    def _rounded_into(self, name: str, value: Any) -> Any:
+        """The value; the end of its range where rounding to 12 digits has put it outside."""
+        option = self.arm.ranges.get(name)
+        return value if option is None else min(max(value, option.ends()[0]), option.ends()[1])
 
     def suggest(self) -> tuple[str, list[Cell]]:
         """(token, cells) of the next configuration."""
         token = str(self.left)
         self.left -= 1
-        suggestion = self._searcher.suggest(token) or {}
-        values = dict(self._fixed) | {name: _plain(value) for name, value in suggestion.items()}
-        self._asked[token] = self.pair.cells(values)
-        return token, self._asked[token]
+        trial = self._study.ask(self._space)
+        cells = self.arm.cells(self._fixed | {name: _plain(value) for name, value in trial.params.items()})
+        self._asked[token] = trial, cells
+        return token, cells
 
     def cells(self, token: str) -> list[Cell]:
         """The cells of a suggestion."""
-        return self._asked[token]
+        return self._asked[token][1]
 
     def tell(self, token: str, auc: float | None) -> None:
-        """What became of a suggestion; None: its cells are not all done."""
-        self._searcher.on_trial_complete(token, None if auc is None else {"auc": auc}, error=auc is None)
+        """What became of a suggestion, the first time; None: its cells are not all done."""
+        trial = self._asked[token][0]
+        state = optuna.trial.TrialState.FAIL if auc is None else optuna.trial.TrialState.COMPLETE
+        self._study.tell(trial, auc, state, skip_if_finished=True)
 
 
 def _plain(value: Any) -> Any:

@@ -1,11 +1,12 @@
-"""The outcome of stage 1: whose knowledge each seed of a scenario gets."""
+"""The outcome of stage 1: for each source task the hyperparameters that were best, and the runs that have them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from orchestrator.planning.arms import Pair, Values
+from orchestrator.planning.arms import Arm, Values
 from trainables.cell import Cell
 
 
@@ -21,27 +22,51 @@ class SourceRun:
     """T: the training steps that it took."""
 
 
+Runs = Mapping[str, Mapping[int, SourceRun]]
+"""Source task to seed to source run."""
+
+
 @dataclass(frozen=True)
 class SourceChoice:
-    """The outcome of stage 1 for one scenario."""
+    """The outcome of stage 1 for one source task."""
 
     values: Values
     """The best hyperparameters of the source's agent, those that stage 1 swept."""
     runs: Mapping[int, SourceRun]
     """By seed."""
-    library: tuple[SourceChoice, ...] = ()
-    """The same for each further task of the scenario's library."""
+    lost: str = ""
+    """Why there is none: no configuration has all its seeds. `values` and `runs` then stand for those that failed."""
 
     def best_seed(self) -> int:
         """The seed with the best greedy evaluation; of those that reach the same, the one with the best AUC."""
         return max(self.runs, key=lambda seed: (self.runs[seed].best_return, self.runs[seed].auc))
 
 
-Runs = Mapping[str, Mapping[int, SourceRun]]
-"""Source task to seed to source run."""
+Choices = Mapping[str, SourceChoice]
+"""Source task to its outcome; a task that nothing is learned or chosen on is not there."""
 
 
-def choice(pair: Pair, by_seed: Mapping[int, SourceRun]) -> SourceChoice:
-    """The outcome of a stage 1 that need not run: what it would have swept has the given source's values."""
+def settle(
+    arms: Sequence[Mapping[str, Arm]], pretrained: Runs, outcome: Callable[[Arm], SourceChoice]
+) -> list[Choices]:
+    """The outcome of stage 1 for each scenario's arms: of a pretrained source, or `outcome` of what was trained."""
+    return [
+        {
+            task: pretrained_choice(arm, pretrained[task]) if task in pretrained else outcome(arm)
+            for task, arm in scenario.items()
+        }
+        for scenario in arms
+    ]
+
+
+def pretrained_choice(arm: Arm, by_seed: Mapping[int, SourceRun]) -> SourceChoice:
+    """The outcome of a stage 1 that need not run: what it would have swept has the pretrained source's values."""
     cell = next(iter(by_seed.values())).cell
-    return SourceChoice({name: value for name, value in cell.hyperparameters.items() if name in pair.swept}, by_seed)
+    return SourceChoice({name: value for name, value in cell.hyperparameters.items() if name in arm.swept}, by_seed)
+
+
+def untrained(arm: Arm, steps: int = 0, lost: str = "") -> SourceChoice:
+    """A stand-in for an outcome that is not there: the arm's first configuration, as if nothing had been learned."""
+    values = arm.first()
+    runs = {cell.seed: SourceRun(cell, -math.inf, -math.inf, steps) for cell in arm.cells(values)}
+    return SourceChoice({name: value for name, value in values.items() if name in arm.swept}, runs, lost)

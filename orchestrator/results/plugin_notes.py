@@ -22,7 +22,7 @@ FILE = "own.json"
 
 def keep(folder: Path, space: SearchSpace) -> None:
     """Write the notes of every own task and agent of `space` into the sweep's folder; no file where there are none."""
-    tasks = [name for scenario in space.scenarios for name in (scenario.source.task, *scenario.targets)]
+    tasks = [name for scenario in space.scenarios for name in (*scenario.source.tasks, *scenario.targets)]
     families = {parse_task(name).family.name: parse_task(name).family for name in tasks}
     agents = {name: agent_named(name) for name in (*space.agents, *(s.source.agent for s in space.scenarios))}
     bases = {agent.base: agent_named(agent.base) for agent in agents.values() if agent.base is not None}

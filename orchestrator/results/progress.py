@@ -31,7 +31,7 @@ class Snapshot:
     """Training steps of all workers together."""
     seconds_left: float | None = None
     best: str = ""
-    """The highest AUC so far, and whose."""
+    """The highest AUC so far on the task of the cell that ended last, and whose."""
     updated: float = 0.0
     """Seconds since 1970."""
 
@@ -81,7 +81,8 @@ class Progress:
     """Running cell to (share, steps)."""
     _steps: int = 0
     _running: int = 0
-    _best: tuple[float, str] | None = None
+    _best: dict[str, tuple[float, str]] = field(default_factory=dict)
+    """Task to the highest AUC on it, and whose; the task of the cell that ended last comes last."""
     _first: float | None = None
 
     def ended(self, record: Record) -> None:
@@ -91,8 +92,8 @@ class Progress:
         self._count[record.status] += 1
         self._steps += int((record.points["step"] or [0])[-1] or 0)
         if record.status == "done":
-            score = auc(record.returns), short(f"{record.cell.agent} on {record.cell.task}")
-            self._best = max(self._best or score, score)
+            score = auc(record.returns), record.cell.agent
+            self._best[record.cell.task] = max(self._best.pop(record.cell.task, score), score)
 
     def over(self, cell: str) -> None:
         """A cell is no longer at work."""
@@ -120,9 +121,16 @@ class Progress:
             share=passed / self.total if self.total else 1.0,
             steps_per_second=steps / seconds if seconds else None,
             seconds_left=seconds / passed * (self.total - passed) if passed and seconds else None,
-            best=f"best AUC {self._best[0]:.1f} ({self._best[1]})" if self._best else "",
+            best=self._best_text(),
             updated=time.time(),
         )
+
+    def _best_text(self) -> str:
+        """'best AUC on TASK: -12.3 (AGENT)', of the task of the cell that ended last: AUCs of two tasks say nothing."""
+        if not self._best:
+            return ""
+        task, (score, agent) = next(reversed(self._best.items()))
+        return f"best AUC on {short(task)}: {score:.1f} ({short(agent)})"
 
 
 def write(folder: Path, snapshot: Snapshot) -> None:

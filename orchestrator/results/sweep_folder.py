@@ -14,10 +14,11 @@ import json
 import re
 import shlex
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from orchestrator.planning.arms import PLAIN, Label, configuration_id
 from orchestrator.results import plugin_notes
 from orchestrator.results.provenance import commit, versions
 from orchestrator.results.record import Head, Record
@@ -40,6 +41,8 @@ CELLS, POINTS = "cells.parquet", "points.parquet"
 
 Plan = dict[str, list[Cell]]
 """Stage name to its cells, in order."""
+Labels = Mapping[str, Sequence[Label]]
+"""Cell id to the labels of the arms that it is of, where they say more than the cell."""
 
 
 class Results:
@@ -116,9 +119,11 @@ class Results:
         self.log.refresh()
         return self.log.record(cell_id)
 
-    def set_plan(self, stages: Plan) -> None:
-        """Write down which cells the sweep asks for now."""
-        data = {"schema": 1, "stages": {name: [cell.to_json() for cell in cells] for name, cells in stages.items()}}
+    def set_plan(self, stages: Plan, labels: Mapping[str, Labels] | None = None) -> None:
+        """Write down which cells the sweep asks for now, and what their arms know of them beside what they say."""
+        data: dict[str, Any] = {"schema": 1}
+        data["stages"] = {name: [cell.to_json() for cell in cells] for name, cells in stages.items()}
+        data["labels"] = labels or {}
         write_atomic(self.folder / "plan.json", json.dumps(data, separators=(",", ":")).encode())
 
     def plan(self) -> Plan:
@@ -128,6 +133,26 @@ class Results:
             return {}
         stages = _read_json(path)["stages"]
         return {name: [Cell.from_json(cell) for cell in cells] for name, cells in stages.items()}
+
+    def labels(self) -> dict[str, Labels]:
+        """Stage to the labels of its cells, as last planned."""
+        path = self.folder / "plan.json"
+        stages = _read_json(path).get("labels", {}) if path.exists() else {}
+        return {
+            stage: {cell: [Label(*label) for label in labels] for cell, labels in cells.items()}
+            for stage, cells in stages.items()
+        }
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows of the cells table: one per planned cell, and per arm for a cell of several."""
+        labels, heads = self.labels(), self.heads()
+        found: dict[tuple[str, Label], dict[str, Any]] = {}
+        for stage, cells in self.plan().items():
+            for cell in cells:
+                for label in labels.get(stage, {}).get(cell.id, [PLAIN]):
+                    if (cell.id, label) not in found:
+                        found[cell.id, label] = cell_row(stage, cell, heads.get(cell.id), label)
+        return list(found.values())
 
     def ended(self) -> Iterator[tuple[str, Cell, Head | None]]:
         """(stage, cell, the head of its record if it has ended) of every planned cell, each cell once."""
@@ -151,7 +176,7 @@ class Results:
         from orchestrator.results.parquet import read_table, write_points, write_table
 
         stamp = self._stamp()
-        cells = pd.DataFrame([cell_row(stage, cell, head) for stage, cell, head in self.ended()])
+        cells = pd.DataFrame(self.rows())
         write_points(self.folder / POINTS, (record for _, _, record in self.records() if record), stamp)
         write_table(self.folder / CELLS, cells, stamp)
         return cells, read_table(self.folder / POINTS)
@@ -172,7 +197,7 @@ class Results:
         return f"{plan};{self.log.stamp()}"
 
 
-def cell_row(stage: str, cell: Cell, head: Head | None) -> dict[str, Any]:
+def cell_row(stage: str, cell: Cell, head: Head | None, label: Label = PLAIN) -> dict[str, Any]:
     """A cell's row of the cells table. A cell that is not done has no AUC: it is counted, never averaged."""
     source = cell.sources[0] if cell.sources else None
     row: dict[str, Any] = {
@@ -184,8 +209,10 @@ def cell_row(stage: str, cell: Cell, head: Head | None) -> dict[str, Any]:
         "source_task": source.task if source else None,
         "source": source.kind if source else "none",
         "source_cell": source.cell_id if source else None,
+        "pick": label.pick or None,
+        "baseline_for": label.baseline_for or None,
         "seed": cell.seed,
-        "group": cell.group,
+        "group": configuration_id(cell, label),
         "auc": None,
         "error": head.error if head else None,
         "seconds": head.seconds if head else None,

@@ -46,6 +46,7 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     metrics: dict[str, float] = {"seeds": len(group.seeds), **counts}
     tags = {"agent": group.agent, "task": group.task, "source": group.source, "stage": group.stage}
     tags |= {"source_task": group.source_task} if group.source_task else {}
+    tags |= {"pick": group.pick} if group.pick else {}
     estimates: dict[str, Estimate | Any | None] = {
         "auc": group.auc,
         "auc_iqm": group.auc_iqm,

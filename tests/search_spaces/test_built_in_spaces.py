@@ -2,38 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 import yaml
 
-from orchestrator.planning.arms import Pair
-from orchestrator.planning.plan import library_pairs, source_pairs, transfer_pairs
-from orchestrator.planning.source_choice import SourceChoice, SourceRun
+from orchestrator.planning.plan import source_arms, transfer_arms
+from orchestrator.planning.source_choice import settle, untrained
 from search_spaces.domains import Grid
 from search_spaces.loading import built_in, load, parse
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 
 
-def _source_choice(pair: Pair) -> SourceChoice:
-    """Stage 1's outcome as if its first configuration were the best."""
-    values = pair.grid[0]
-    return SourceChoice(values, {cell.seed: SourceRun(cell, 0.0, 0.0, 1000) for cell in pair.cells(values)})
-
-
 def _plan(space: SearchSpace) -> tuple[list[Cell], list[Cell]]:
-    pairs = [pair for pair in source_pairs(space, {}) if pair is not None]
-    libraries = [[pair for pair in library if pair is not None] for library in library_pairs(space, {})]
-    choices = [
-        replace(_source_choice(pair), library=tuple(_source_choice(other) for other in library))
-        for pair, library in zip(pairs, libraries, strict=True)
-    ]
-    transfers = transfer_pairs(space, choices, {})
-    pairs = [*pairs, *(pair for library in libraries for pair in library)]
+    """The cells of both stages, as if the first configuration of each source were the best."""
+    sources = source_arms(space, {})
+    transfers = transfer_arms(space, settle(sources, {}, lambda arm: untrained(arm, steps=1000)), {})
     return (
-        list({cell.id: cell for pair in pairs for cell in pair.all_cells()}.values()),
-        list({cell.id: cell for pair in transfers for cell in pair.all_cells()}.values()),
+        list({cell.id: cell for arms in sources for arm in arms.values() for cell in arm.all_cells()}.values()),
+        list({cell.id: cell for arm in transfers for cell in arm.all_cells()}.values()),
     )
 
 

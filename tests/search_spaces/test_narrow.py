@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from small_space import SMALL
 
-from orchestrator.planning.plan import source_pairs, transfer_pairs
-from orchestrator.planning.source_choice import SourceChoice, SourceRun
+from orchestrator.planning.plan import source_arms, transfer_arms
+from orchestrator.planning.source_choice import settle, untrained
 from search_spaces import narrow
 from search_spaces.domains import Grid
 from search_spaces.loading import load, parse
@@ -116,11 +116,7 @@ def test_any_one_agent_of_a_built_in_space_can_be_kept(name: str) -> None:
 # BUG 2: an agent's own grid wins over what the user sets, so `--set nu=0.9` changes nothing. As above.
 def test_hyperparameters_that_are_set_are_what_runs() -> None:
     space = narrow(load("paper-gridworld"), hyperparameters={"nu": 0.9, "learning_rate": 0.1})
-    (source,) = source_pairs(space, {})
-    assert source is not None
-    assert {values["learning_rate"] for values in source.grid} == {0.1}
-    choice = SourceChoice(
-        source.grid[0], {cell.seed: SourceRun(cell, 0.0, 0.0, 1) for cell in source.cells(source.grid[0])}
-    )
-    transfers = transfer_pairs(space, [choice], {})
-    assert {values["nu"] for pair in transfers if pair.agent == "ppr" for values in pair.grid} == {0.9}
+    arms = source_arms(space, {})
+    assert {values["learning_rate"] for values in arms[0]["windy_gridworld"].grid} == {0.1}
+    transfers = transfer_arms(space, settle(arms, {}, untrained), {})
+    assert {values["nu"] for arm in transfers if arm.agent == "ppr" for values in arm.grid} == {0.9}

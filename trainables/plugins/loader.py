@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from trainables.errors import InputError
-from trainables.plugins.names import FileName, file_name
+from trainables.plugins.names import FileName, by_file, file_name
 
 
 class OwnCodeError(RuntimeError):
@@ -44,6 +44,14 @@ _PLACES: set[str] = set()
 def pin_of(source: bytes) -> str:
     """The hash of a file's content in a name; line endings do not count."""
     return hashlib.sha256(source.replace(b"\r\n", b"\n")).hexdigest()[:8]
+
+
+def canonicalise(name: str, folders: Iterable[Path] = (Path(),)) -> str:
+    """Return the name of a task or agent as cells hold it; the file of a custom one is run, for the user has named it.
+
+    folders: where a relative path is looked for, in order. Raises InputError as `pin` does.
+    """
+    return pin(name, folders) if by_file(name) else name
 
 
 def pin(text: str, folders: Iterable[Path] = (Path(),)) -> str:

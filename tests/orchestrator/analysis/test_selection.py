@@ -12,6 +12,7 @@ from orchestrator.analysis.curves import curve_bands
 from orchestrator.analysis.groups import groups
 from orchestrator.analysis.selection import select
 from orchestrator.analysis.summary_table import row
+from orchestrator.planning.arms import Key
 from trainables.cell import Cell, Source
 
 TASK = "windy_gridworld:wind=small"
@@ -46,7 +47,7 @@ def cell_rows(agent: str, aucs: list[float | None], **hyperparameters: Any) -> l
 
 def best_rate(*rows: list[dict[str, Any]]) -> Any:
     cells = pd.DataFrame([row for group in rows for row in group])
-    return select(groups(cells), cells)[TASK, "q_learning", "none"]
+    return select(groups(cells), cells)[Key(TASK, "q_learning")]
 
 
 def test_the_highest_mean_auc_wins() -> None:

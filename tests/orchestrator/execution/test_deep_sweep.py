@@ -19,7 +19,7 @@ from rich.console import Console
 from orchestrator.execution.replay import replay
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.sweep import run
-from orchestrator.planning.plan import source_pairs, transfer_pairs
+from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import SourceChoice, SourceRun
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
@@ -86,19 +86,18 @@ def test_all_seeds_are_advised_by_the_best_source_with_their_own_seeds_steps(swe
         assert (source.checkpoint, source.steps) == ("best", record.points["step"][-1])
 
 
-@pytest.mark.parametrize(("pick", "givers"), [("own_seed", (0, 1)), ("best_evaluated", (1, 1)), (0, (0, 0))])
-def test_the_pick_decides_whose_knowledge_advises(pick: Any, givers: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("pick", "models"), [("own_seed", (0, 1)), ("best_evaluated", (1, 1)), (0, (0, 0))])
+def test_the_pick_decides_whose_knowledge_advises(pick: Any, models: tuple[int, int]) -> None:
     data = copy.deepcopy(SPACE)
     data["scenarios"][0]["source"]["pick"] = pick
     space = parse("deep", data)
-    (pair,) = source_pairs(space, {})
-    assert pair is not None
-    cells = pair.cells(pair.grid[0])
+    arm = source_arms(space, {})[0]["cartpole"]
+    cells = arm.cells(arm.grid[0])
     runs = {cell.seed: SourceRun(cell, best_return=200.0, auc=100.0 + cell.seed, steps=10) for cell in cells}
-    transfers = transfer_pairs(space, [SourceChoice(pair.grid[0], runs)], {})
-    sources = next(pair.sources for pair in transfers if pair.agent == "es")
-    assert [sources[seed].cell_id for seed in (0, 1)] == [cells[giver].id for giver in givers]
-    assert sources[0].checkpoint == ("last" if pick == "own_seed" else "best")
+    transfers = transfer_arms(space, [{"cartpole": SourceChoice(arm.grid[0], runs)}], {})
+    sources = next(arm.sources for arm in transfers if arm.agent == "es")
+    assert [sources[seed][0].cell_id for seed in (0, 1)] == [cells[model].id for model in models]
+    assert sources[0][0].checkpoint == ("last" if pick == "own_seed" else "best")
 
 
 def test_a_seed_that_is_not_there_cannot_be_picked() -> None:

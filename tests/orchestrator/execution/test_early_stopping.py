@@ -1,4 +1,4 @@
-"""Early stopping: of whole configurations, among their own pair's, never of a comparison's partner."""
+"""Early stopping: of whole configurations, among their own arm's, never of a comparison's partner."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from rich.console import Console
 
 from orchestrator.analysis.groups import groups
 from orchestrator.analysis.selection import select
-from orchestrator.execution.early_stopping import METRIC, TIME, PairSchedulers
+from orchestrator.execution.early_stopping import METRIC, TIME, ArmSchedulers
 from orchestrator.execution.settings import Settings, Tally
 from orchestrator.execution.sweep import run
+from orchestrator.planning.arms import Arm
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
 from search_spaces.search_space import Scheduler
@@ -135,7 +136,7 @@ class Trial:
         self.trial_id = name
 
 
-def judged(scheduler: PairSchedulers, name: str, scores: list[float]) -> int:
+def judged(scheduler: ArmSchedulers, name: str, scores: list[float]) -> int:
     """How many evaluations a trial gets."""
     for number, score in enumerate(scores, start=1):
         if scheduler.on_trial_result(None, Trial(name), {TIME: number, METRIC: score}) == "STOP":
@@ -143,24 +144,28 @@ def judged(scheduler: PairSchedulers, name: str, scores: list[float]) -> int:
     return len(scores)
 
 
+def arm_of(cell: Cell) -> Arm:
+    return Arm(cell.agent, cell.task, (cell.seed,), (dict(cell.hyperparameters),))
+
+
 def test_a_resumed_scheduler_knows_what_earlier_runs_had() -> None:
     cell = Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 100})
     settings = Scheduler(method="asha", grace=2, reduction_factor=2)
     bad, good = [0.0] * 10, [1.0] * 10
-    fresh = PairSchedulers(settings, lambda trial: [cell], lambda cell: [])
+    fresh = ArmSchedulers(settings, lambda trial: [cell], [arm_of(cell)], lambda arm: [])
     assert judged(fresh, "only", bad) == 10
-    resumed = PairSchedulers(settings, lambda trial: [cell], lambda cell: [good, good, good])
+    resumed = ArmSchedulers(settings, lambda trial: [cell], [arm_of(cell)], lambda arm: [good, good, good])
     assert judged(resumed, "only", bad) == 2
     assert resumed.stopped == {"only": "stopped early by asha after 2 evaluations"}
 
 
-def test_pairs_do_not_compete() -> None:
+def test_arms_do_not_compete() -> None:
     cells = {
         "good": Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 100}),
         "bad": Cell.create("q_learning", "supply_chain", 0, {"episodes": 100}),
     }
     settings = Scheduler(method="asha", grace=2, reduction_factor=2)
-    scheduler = PairSchedulers(settings, lambda trial: [cells[trial]], lambda cell: [])
+    scheduler = ArmSchedulers(settings, lambda trial: [cells[trial]], [*map(arm_of, cells.values())], lambda arm: [])
     assert judged(scheduler, "good", [1.0] * 10) == 10
     assert judged(scheduler, "bad", [0.0] * 10) == 10
 

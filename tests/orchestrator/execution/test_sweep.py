@@ -202,8 +202,9 @@ def test_exported_hyperparameters_come_back_as_the_next_sweeps(
     run(results, Settings(params=params), QUIET)
     cells, _ = results.write_tables()
     assert len(cells) == 2 + 2 * (2 + 4 + 4)
+    values = {(key.task, key.agent, key.kind): values for key, values in params.items()}
     for key, frame in cells.groupby(["task", "agent", "source"]):
-        assert {json.dumps(params[key], sort_keys=True)} == set(frame["hyperparameters"])
+        assert {json.dumps(values[key], sort_keys=True)} == set(frame["hyperparameters"])
 
 
 @pytest.mark.parametrize(

@@ -28,8 +28,8 @@ from orchestrator.execution.sweep import run
 from orchestrator.model_registry import mlflow_registry, pretrained
 from orchestrator.model_registry.pyfunc_policy import q_values
 from orchestrator.model_registry.source_models import givers, logged_name, model_name, standing
-from orchestrator.planning import source_choice
-from orchestrator.planning.plan import source_pairs, transfer_pairs
+from orchestrator.planning.plan import source_arms, transfer_arms
+from orchestrator.planning.source_choice import settle, untrained
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
 from orchestrator.tracking import mlflow_mirror
@@ -294,8 +294,8 @@ def swept(folder: Path, space: SearchSpace, uri: str, *names: str) -> Results:
 def planned(space: SearchSpace, uri: str, *names: str) -> list[Cell]:
     """The transfer cells of a sweep that is given its sources."""
     there = pretrained.runs(pretrained.read(names, space, uri), space.seeds)
-    choices = [source_choice.choice(pair, there[pair.task]) for pair in source_pairs(space, {}) if pair is not None]
-    return list(itertools.chain(*(pair.all_cells() for pair in transfer_pairs(space, choices, {}))))
+    choices = settle(source_arms(space, {}), there, untrained)
+    return list(itertools.chain(*(arm.all_cells() for arm in transfer_arms(space, choices, {}))))
 
 
 def digests(results: Results) -> dict[str, str]:
