@@ -57,12 +57,15 @@ def canonicalise(name: str, folders: Iterable[Path] = (Path(),)) -> str:
 def pin(text: str, folders: Iterable[Path] = (Path(),)) -> str:
     """Load the file that `text` names and return the canonical name, features included.
 
-    folders: where a relative path is looked for, in order. Raises InputError where the file is not there, cannot be
-    run, or is another one than a pin in `text` says.
+    folders: where a relative path is looked for, in order; a file that is in none of them may be loaded already.
+    Raises InputError where the file is not there, cannot be run, or is another one than a pin in `text` says.
     """
     name = file_name(text)
-    path = next((folder / name.path for folder in folders if (folder / name.path).is_file()), name.path)
-    return name.pinned(load_file(path, name.pin))
+    path = next((folder / name.path for folder in folders if (folder / name.path).is_file()), None)
+    loaded = others(name.path.name) if path is None and name.path.name == str(name.path) else []
+    if name.pin in loaded or (len(loaded) == 1 and not name.pin):
+        return name.pinned(name.pin or loaded[0])
+    return name.pinned(load_file(path or name.path, name.pin))
 
 
 def load_file(path: str | Path, expected: str = "") -> str:

@@ -1,0 +1,113 @@
+"""Every built-in search space, and one of custom code: loaded, narrowed to each of its agents and targets, and planned.
+
+A feature that was finished alone never met the others; here each meets every space.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from orchestrator.planning.arms import Arm
+from orchestrator.planning.params import check_params, keys
+from orchestrator.planning.plan import source_arms, transfer_arms
+from orchestrator.planning.source_choice import settle, untrained
+from search_spaces.loading import built_in, load, parse
+from search_spaces.narrow import narrow
+from search_spaces.search_space import SearchSpace
+from trainables.agents.registry import agent_named
+from trainables.cell import Cell
+from trainables.tasks.registry import parse_task
+
+EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
+TANK, LEAK = "tank.py:Task", "tank.py:Task:leak=0.1"
+CUSTOM = {
+    "custom-task": {
+        "schema": 1,
+        "name": "custom-task",
+        "seeds": 2,
+        "scenarios": [
+            {"source": {"task": TANK, "agent": "dqn", "library": [LEAK]}, "targets": [f"{TANK}:leak=1.5x", LEAK]}
+        ],
+        "agents": {"dqn": {}, "delta_es": {}, "delta_select_es": {}},
+        "hyperparameters": {"episodes": 4, "hidden_size": 8},
+    },
+    "custom-agent": {
+        "schema": 1,
+        "name": "custom-agent",
+        "seeds": 2,
+        "scenarios": [
+            {
+                "source": {"task": "windy_gridworld", "kinds": ["learned", "exact"]},
+                "targets": ["windy_gridworld:wind=small"],
+            }
+        ],
+        "agents": {"q_learning": {}, "fading_advice.py:Agent": {"trust": [1.0, 10.0]}, "delta_gate": {}},
+        "hyperparameters": {"episodes": 4},
+    },
+}
+
+
+@pytest.fixture(params=[*built_in(), *CUSTOM])
+def space(request: pytest.FixtureRequest, tmp_path: Path) -> SearchSpace:
+    """Every space in turn; those of custom code from YAML files beside it."""
+    if request.param in built_in():
+        return load(request.param)
+    for name in ("tank.py", "fading_advice.py"):
+        (tmp_path / name).write_bytes((EXAMPLES / name).read_bytes())
+    (tmp_path / "custom.yaml").write_text(yaml.safe_dump(CUSTOM[request.param]))
+    return load(str(tmp_path / "custom.yaml"))
+
+
+def planned(space: SearchSpace) -> tuple[list[Arm], list[Arm]]:
+    """The arms of both stages, as if the first configuration of each source were the best."""
+    sources = source_arms(space, {})
+    transfers = transfer_arms(space, settle(sources, {}, lambda arm: untrained(arm, steps=1000)), {})
+    return [arm for scenario in sources for arm in scenario.values()], transfers
+
+
+def test_each_agent_and_each_target_alone_is_a_space_that_can_be_planned(space: SearchSpace) -> None:
+    targets = list(dict.fromkeys(parse_task(name).name for each in space.scenarios for name in each.targets))
+    for agent in space.agents:
+        for target in targets:
+            part = narrow(space, tasks=[target], agents=[agent], seeds=1)
+            assert parse(part.name, part.to_json()) == part
+            sources, transfers = planned(part)
+            assert {arm.agent for arm in transfers} == {agent}
+            # a family's own name stands for all of its targets
+            assert {target} <= {arm.task for arm in transfers} <= ({target} if ":" in target else set(targets))
+            assert all(bool(arm.sources) == agent_named(agent).needs_source for arm in transfers)
+            for arm in (*sources, *transfers):
+                cells = arm.some_cells()
+                assert all(arm.owns(cell) for cell in cells)
+                assert all(Cell.from_json(cell.to_json()) == cell for cell in cells)
+
+
+def test_every_arm_of_a_whole_space_has_a_key_of_its_own_and_a_baseline(space: SearchSpace) -> None:
+    space = narrow(space, seeds=1)
+    sources, transfers = planned(space)
+    assert len({arm.key for arm in transfers}) == len(transfers)
+    wanted = {key if key.kind != "none" else key._replace(source_task="") for key in keys(space)}
+    assert {arm.key for arm in (*sources, *transfers)} == wanted
+    base = {(arm.task, arm.agent) for arm in transfers if not arm.sources}
+    for arm in (arm for arm in transfers if arm.sources):
+        name = agent_named(arm.agent).base
+        assert name not in space.agents or (arm.task, name) in base
+
+
+def test_what_a_space_has_settled_is_what_it_runs(space: SearchSpace) -> None:
+    space = narrow(space, seeds=1)
+    sources, transfers = planned(space)
+    params = {arm.key: _first(arm) for arm in (*sources, *transfers)}
+    assert check_params("best.yaml", params, space) == ""
+    arms = source_arms(space, params)
+    again = transfer_arms(space, settle(arms, {}, untrained), params)
+    assert {arm.key: arm.grid for arm in again} == {arm.key: (params[arm.key],) for arm in transfers}
+
+
+def _first(arm: Arm) -> dict[str, Any]:
+    """All hyperparameters of the arm's first configuration."""
+    return agent_named(arm.agent).resolve(parse_task(arm.task), arm.first()).model_dump()
