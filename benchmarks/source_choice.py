@@ -22,6 +22,7 @@ from orchestrator.results.record import Record
 from orchestrator.sources.library import Entry, SourceLibrary
 from trainables.cell import Cell
 from trainables.delta.exact import exact_q, policy_q
+from trainables.delta.sample import delta_sample
 from trainables.evaluation import expected_return
 from trainables.knowledge import Knowledge
 from trainables.learners.greedy_evaluation import greedy_returns
@@ -94,7 +95,7 @@ def _simple_scores(target: str, tables: Sequence[np.ndarray], seed: int) -> dict
     means, largest, path = [], [], []
     for q, follower in zip(tables, followers, strict=True):
         v = np.append(q.max(axis=1), 0.0)
-        base = seen.reward + seen.times * (GAMMA * v[seen.next_state] - q[seen.state, seen.action])
+        base = seen.reward + seen.times * delta_sample(0.0, GAMMA, v[seen.next_state], q[seen.state, seen.action])
         pair = seen.state * q.shape[1] + seen.action
         n = np.maximum(np.bincount(pair, seen.times, q.size), 1e-9)
         size = np.abs(np.bincount(pair, base, q.size) / n)

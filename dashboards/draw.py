@@ -20,9 +20,11 @@ def draw(findings: Findings, folder: Path | None = None, every: bool = False) ->
     folder: default the sweep's own. every: all figures as pictures, not those of AT_THE_END alone. The files, the
     report first.
     """
+    from dashboards import style
     from dashboards.renderers import matplotlib_renderer
     from dashboards.report import sections
 
+    style.assign(dict.fromkeys(group.agent for group in findings.groups))
     figures = sections.figures(findings)
     folder = folder or findings.results.folder
     paths = [sections.write(findings, figures, folder / REPORT)]

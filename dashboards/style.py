@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+from trainables.agents.registry import AGENTS, agent_named
+from trainables.plugins import names
 
 
 @dataclass(frozen=True)
@@ -30,35 +34,52 @@ MARKERS = {
 }
 """Name of a marker in the report to its name in print."""
 
-LOOKS = {
-    "q_learning": Look("#4d4d4d", "#c9ccd1", (5, 3), "square"),
-    "policy_reuse": Look("#e69f00", "#f5b83d", (1.5, 2.5), "diamond"),
-    "ppr": Look("#0072b2", "#4aa8e8", (7, 3, 1.5, 3), "triangle-up"),
-    "delta_gate": Look("#d55e00", "#ff8b45", (), "circle"),
-    "confidence_gate": Look("#009e73", "#35cfa4", (9, 3), "triangle-down"),
-    "q_warm_start": Look("#cc79a7", "#e79cc6", (6, 2, 1.5, 2, 1.5, 2), "x"),
-    "delta_select": Look("#56b4e9", "#a5dbff", (2, 2), "pentagon"),
-    "dqn": Look("#4d4d4d", "#c9ccd1", (5, 3), "square"),
-    "es": Look("#0072b2", "#4aa8e8", (7, 3, 1.5, 3), "triangle-up"),
-    "delta_es": Look("#d55e00", "#ff8b45", (), "circle"),
-    "dpba": Look("#56b4e9", "#a5dbff", (1.5, 2.5), "diamond"),
-    "delta_dpba": Look("#cc79a7", "#e79cc6", (6, 2, 1.5, 2, 1.5, 2), "x"),
-    "delta_select_es": Look("#009e73", "#35cfa4", (9, 3), "triangle-down"),
+PALETTE = {
+    "grey": Look("#4d4d4d", "#c9ccd1", (5, 3), "square"),
+    "orange": Look("#e69f00", "#f5b83d", (1.5, 2.5), "diamond"),
+    "blue": Look("#0072b2", "#4aa8e8", (7, 3, 1.5, 3), "triangle-up"),
+    "vermilion": Look("#d55e00", "#ff8b45", (), "circle"),
+    "green": Look("#009e73", "#35cfa4", (9, 3), "triangle-down"),
+    "pink": Look("#cc79a7", "#e79cc6", (6, 2, 1.5, 2, 1.5, 2), "x"),
+    "sky": Look("#56b4e9", "#a5dbff", (2, 2), "pentagon"),
+    "olive": Look("#7a6a00", "#cbb94a", (3, 2), "x"),
+    "violet": Look("#6a3d9a", "#b08be0", (4, 2, 1.5, 2), "diamond"),
+    "brown": Look("#8c510a", "#c98d4b", (8, 2), "square"),
+    "teal": Look("#01665e", "#4fb3a9", (2.5, 1.5), "triangle-up"),
+    "wine": Look("#882255", "#d36a9d", (5, 2, 1.5, 2), "pentagon"),
 }
-"""Each agent's look; a deep agent has that of its tabular kin, which it never meets."""
-
-OTHER = Look("#7a6a00", "#cbb94a", (3, 2), "x")
-"""An agent without a look of its own."""
+"""Looks by name. A deep agent may have that of its tabular kin, which it never meets."""
 
 HELPED, HURT = "#1b7a5a", "#b3401f"
 """Positive and negative transfer in print."""
 
+_NAMED = {agent.name: agent.look for agent in AGENTS.values() if agent.look}
+_FREE = [name for name in PALETTE if name not in _NAMED.values()]
+"""What is left for agents that name no look: each has one of its own, as long as there are enough."""
+
+_ASSIGNED: dict[str, int] = {}
+"""The other agents of the sweep that is drawn, in the order in which they stand in legends."""
+
+
+def assign(agents: Iterable[str]) -> None:
+    """Begin to draw a sweep of these agents: those without a look are given one each, in this order."""
+    _ASSIGNED.clear()
+    for agent in agents:
+        key(agent)
+
+
+def key(agent: str) -> str:
+    """Return the name of an agent's look, the same in every figure of a sweep."""
+    named = _NAMED.get(agent) or (agent_named(agent).look if names.own(agent) else "")
+    return named if named in PALETTE else _FREE[_ASSIGNED.setdefault(agent, len(_ASSIGNED)) % len(_FREE)]
+
 
 def look(agent: str) -> Look:
-    """The look of an agent."""
-    return LOOKS.get(agent, OTHER)
+    """Return the look of an agent."""
+    return PALETTE[key(agent)]
 
 
 def rank(agent: str) -> int:
-    """Where an agent stands in every legend: the order of LOOKS."""
-    return list(LOOKS).index(agent) if agent in LOOKS else len(LOOKS)
+    """Return where an agent stands in every legend: in the registry's order, then in that of `assign`."""
+    order = list(AGENTS)
+    return order.index(agent) if agent in order else len(order) + _ASSIGNED.get(agent, len(_ASSIGNED))

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import re
 
-from trainables.agents.registry import agent_named
+from trainables.agents.agent import Agent
+from trainables.agents.registry import AGENTS
 from trainables.errors import InputError
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
 
 KEPT = ("levels", "limit")
 """Features that a source shares with its targets: they make the task another one."""
-
-TABULAR = {"q_learning": "{}", "policy_reuse": "{}", "ppr": "{nu: 0.99}", "delta_gate": "{}", "confidence_gate": "{}"}
-DEEP = {"dqn": "{}", "es": "{advice_fraction: 0.25}", "delta_es": "{advice_fraction: 0.25}"}
 
 TEMPLATE = """\
 # What to sweep, written by 'deltatune init {typed}'. It runs as it is; every line may be changed.
@@ -53,15 +51,15 @@ def starter(typed: str, name: str, file: str) -> str:
     called = typed if not task.changed else typed.removesuffix(_features(typed))
     spelled = called + (f":{_text(source)}" if source.changed else "")
     targets = [f"{called}:{text}" for text in _targets(task, source)] or [spelled]
-    agents = TABULAR if task.tabular else DEEP
-    base = next(iter(agents))
-    settings = agent_named(base).resolve(task, {}).model_dump()
+    agents = [agent for agent in AGENTS.values() if agent.usual and (agent.kind == "tabular") == task.tabular]
+    base = next(agent for agent in agents if not agent.needs_source)
+    settings = base.resolve(task, {}).model_dump()
     return TEMPLATE.format(
         typed=typed,
         file=file,
         name=_slug(called),
         source=spelled,
-        base=base,
+        base=base.name,
         kinds="kinds: [learned, exact]  # trained by the agent above; by value iteration"
         if task.tabular
         else "pick: best_evaluated  # the best network of all seeds; or own_seed",
@@ -73,8 +71,14 @@ def starter(typed: str, name: str, file: str) -> str:
         range="delta_gate: {threshold: {low: 1, high: 20}}"
         if task.tabular
         else "delta_es: {advice_fraction: {low: 0.1, high: 0.5}}",
-        agents="\n".join(f"  {agent}: {options}" for agent, options in agents.items()),
+        agents="\n".join(f"  {agent.name}: {{{_shown(agent, task)}}}" for agent in agents),
     )
+
+
+def _shown(agent: Agent, task: Task) -> str:
+    """An agent's most telling hyperparameters, as they are for the task."""
+    values = agent.resolve(task, {}).model_dump()
+    return ", ".join(f"{name}: {values[name]}" for name in agent.shown)
 
 
 def _features(typed: str) -> str:

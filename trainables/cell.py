@@ -113,12 +113,17 @@ class Cell(BaseModel):
     def group(self) -> str:
         """The id of what the cell shares with its other seeds: agent, task, kind of source and hyperparameters."""
         kinds = [[source.task, source.kind, source.checkpoint] for source in self.sources]
-        shared = [self.agent, self.task, kinds[0] if kinds else None, self.hyperparameters]
+        shared = [self.agent, self.task, kinds[0] if kinds else None, self._written()]
         return content_id([*shared, kinds[1:]] if len(kinds) > 1 else shared)
+
+    def _written(self) -> dict[str, float | int | str | bool]:
+        """The hyperparameters but those with the value that cells had before the agent knew of them: ids last."""
+        unwritten = agent_named(self.agent).hyperparameters.unwritten
+        return {name: value for name, value in self.hyperparameters.items() if unwritten.get(name) != value}
 
     def to_json(self) -> dict[str, Any]:
         """The cell as plain data, with its schema version."""
-        data = self.model_dump()
+        data = self.model_dump() | {"hyperparameters": self._written()}
         first, *library = data.pop("sources") or (None,)
         return {"schema": SCHEMA, **data, "source": first} | ({"library": library} if library else {})
 
@@ -136,7 +141,8 @@ class Cell(BaseModel):
         if raw.library and raw.source is None:
             raise InputError("a cell with a library needs a source")
         sources = () if raw.source is None else (raw.source, *raw.library)
-        return cls.create(raw.agent, raw.task, raw.seed, dict(raw.hyperparameters), sources)
+        values = {**agent_named(raw.agent).hyperparameters.unwritten, **raw.hyperparameters}
+        return cls.create(raw.agent, raw.task, raw.seed, values, sources)
 
 
 def _checked_sources(agent: Agent, sources: Iterable[Source]) -> tuple[Source, ...]:

@@ -11,7 +11,7 @@ from orchestrator.analysis import statistics
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.statistics import Estimate
-from trainables.agents.registry import AGENTS
+from trainables.agents.registry import agent_named
 
 NAME, TITLE = "delta_effect", "Delta against transfer effect"
 DEEP = "final_delta_p90"
@@ -86,7 +86,9 @@ def chart(findings: Findings) -> Chart | Absent:
     panels = []
     for source in kinds(pair.group for pair in found):
         for kind in ("tabular", "deep"):
-            here = [pair for pair in found if pair.group.source == source and AGENTS[pair.group.agent].kind == kind]
+            here = [
+                pair for pair in found if pair.group.source == source and agent_named(pair.group.agent).kind == kind
+            ]
             if here:
                 panels.append(_panel(source, kind, here))
     caption = "A point per agent and target, 95 % interval of the transfer ratio. Along the axis: max |delta| as the "

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
 
 from dashboards.figure_model import Absent, Chart, Level, Panel
 from dashboards.figures.evaluation_curves import Bands, line
@@ -11,42 +10,30 @@ from dashboards.labels import count, heading, in_order, kinds, listed, targets
 from orchestrator.analysis.curves import curve_bands
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
+from trainables.agents.plots import Plot
+from trainables.agents.registry import AGENTS, agent_named
 
 NAME, TITLE = "gate", "Gate and advice over training"
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """One statistic of the evaluation points."""
-
-    column: str
-    title: str
-    axis: str
-    share: bool = False
-    """Between 0 and 1."""
-
-
-QUANTITIES = (
-    Quantity("gate_open_share", "share of steps with the gate open", "share of steps", True),
-    Quantity("source_action_share", "share of steps with the source's action", "share of steps", True),
-    Quantity("kappa", "kappa, the weight of advice", "kappa", True),
-    Quantity("advice_factor", "advice factor, kappa exp(−max |delta|)", "advice factor", True),
-    Quantity("max_abs_delta", "max |delta|", "max |delta|"),
-    Quantity("delta_p90", "90 % quantile of max |delta|", "max |delta|"),
-)
+def plots(groups: Iterable[Group]) -> list[Plot]:
+    """What there is to draw over training: of the agents that are registered, then of custom ones, each once."""
+    custom = [agent_named(name) for name in dict.fromkeys(group.agent for group in groups)]
+    return list(dict.fromkeys(plot for agent in (*AGENTS.values(), *custom) for plot in agent.plots))
 
 
 def chart(findings: Findings) -> Chart | Absent:
     """A panel per target, kind of source and quantity, of each agent's best configuration."""
     shown = in_order(group for group in findings.best if group.source != "none")
-    columns = [quantity.column for quantity in QUANTITIES]
+    quantities = plots(shown)
+    columns = [*(plot.statistic for plot in quantities), *(plot.level for plot in quantities if plot.level)]
     bands = curve_bands(findings.points, findings.cells, [group.id for group in shown], columns)
     panels = [
         panel
         for target in targets(findings)
         for source in kinds(shown)
-        for quantity in QUANTITIES
-        if (panel := _panel(target, source, quantity, shown, bands, findings.common)) is not None
+        for plot in quantities
+        if (panel := _panel(target, source, plot, shown, bands, findings.common)) is not None
     ]
     if not panels:
         reason = "No agent with a source has every seed done, so there is no gate and no advice to show."
@@ -61,28 +48,36 @@ def chart(findings: Findings) -> Chart | Absent:
 def _panel(
     target: str,
     source: str,
-    quantity: Quantity,
+    plot: Plot,
     shown: Sequence[Group],
     bands: Bands,
     hide: Collection[str],
 ) -> Panel | None:
     here = [group for group in shown if (group.task, group.source) == (target, source)]
-    here = [group for group in here if len(bands[group.id, quantity.column])]
+    here = [group for group in here if len(bands[group.id, plot.statistic])]
     if not here:
         return None
-    series = tuple(line(group, bands[group.id, quantity.column], hide) for group in here)
-    levels = []
-    if quantity.column == "max_abs_delta":
-        gated = [group for group in here if "threshold" in group.hyperparameters]
-        levels = _thresholds(gated)
-    reach = (-0.04, 1.04) if quantity.share else None
-    title = f"{heading(target, source)}: {quantity.title}"
-    return Panel(title, "training episode", quantity.axis, series, target, tuple(levels), y_range=reach)
+    series = tuple(line(group, bands[group.id, plot.statistic], hide) for group in here)
+    levels = _levels(plot.level, [group for group in here if plot.level in group.hyperparameters], bands)
+    reach = (-0.04, 1.04) if plot.share else None
+    title = f"{heading(target, source)}: {plot.title}"
+    return Panel(title, "training episode", plot.axis, series, target, tuple(levels), y_range=reach)
 
 
-def _thresholds(gated: Sequence[Group]) -> list[Level]:
-    """One line per threshold, named after every agent that has it."""
+def _levels(name: str, groups: Sequence[Group], bands: Bands) -> list[Level]:
+    """One line per value of the hyperparameter `name`, named after every agent that has it."""
     by_value: dict[float, list[str]] = {}
-    for group in gated:
-        by_value.setdefault(float(group.hyperparameters["threshold"]), []).append(group.agent)
-    return [Level(value, f"threshold of {listed(names)}", names[0]) for value, names in by_value.items()]
+    for group in groups:
+        value = _value(name, group, bands)
+        if value is not None:
+            by_value.setdefault(value, []).append(group.agent)
+    return [Level(value, f"{name} of {listed(names)}", names[0]) for value, names in by_value.items()]
+
+
+def _value(name: str, group: Group, bands: Bands) -> float | None:
+    """A hyperparameter as a number: where it is none (`auto`), the mean over seeds of what the agent reports of it."""
+    value = group.hyperparameters[name]
+    if isinstance(value, int | float):
+        return float(value)
+    band = bands[group.id, name]
+    return float(band["mean"].iloc[-1]) if len(band) else None

@@ -1,7 +1,7 @@
 """Figures as Plotly's plain data, with names of colours that the page resolves for light and for dark.
 
-`@delta_gate` is an agent's colour, `@delta_gate/0.15` the same with that opacity, `@ink`, `@rule` and `@accent` are
-the page's own. Every text is escaped, since Plotly reads a little HTML.
+`@vermilion` is an agent's colour, `@vermilion/0.15` the same with that opacity, `@ink`, `@rule` and `@accent` are the
+page's own. Every text is escaped, since Plotly reads a little HTML.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import html
 from typing import Any
 
 from dashboards.figure_model import Band, Chart, Figure, Level, Numbers, Panel, Series
-from dashboards.style import look, rank
+from dashboards.style import key, look, rank
 
 Spec = dict[str, Any]
 """What Plotly.newPlot takes, and for the page: target, title, height."""
@@ -87,12 +87,12 @@ def _traces(series: Series) -> list[Spec]:
     shared |= {"error_x": _errors(series.x, series.x_band)} if series.x_band else {}
     shared |= {"error_y": _errors(series.y, series.band)} if series.band else {}
     if series.form == "bars":
-        return [shared | {"type": "bar", "marker": {"color": f"@{series.agent}"}}]
+        return [shared | {"type": "bar", "marker": {"color": f"@{key(series.agent)}"}}]
     return [shared | _points(series)]
 
 
 def _line(series: Series) -> Spec:
-    style = {"color": f"@{series.agent}", "width": 1 if series.faint else 2, "dash": _dash(series.agent)}
+    style = {"color": f"@{key(series.agent)}", "width": 1 if series.faint else 2, "dash": _dash(series.agent)}
     return {"type": "scatter", "mode": "lines", "line": style, "opacity": 0.6 if series.faint else 1}
 
 
@@ -103,13 +103,13 @@ def _points(series: Series) -> Spec:
     spec: Spec = {"type": "scatter", "mode": mode + "+text" * named, "cliponaxis": False}
     spec |= {
         "marker": {
-            "color": f"@{series.agent}",
+            "color": f"@{key(series.agent)}",
             "symbol": symbol,
             "size": 9,
-            "line": {"width": 1.5, "color": f"@{series.agent}"},
+            "line": {"width": 1.5, "color": f"@{key(series.agent)}"},
         }
     }
-    spec |= {"line": {"color": f"@{series.agent}", "width": 1.5, "dash": _dash(series.agent)}}
+    spec |= {"line": {"color": f"@{key(series.agent)}", "width": 1.5, "dash": _dash(series.agent)}}
     if series.hover:
         spec |= {"hovertext": [_text(word) for word in series.hover]}
     if named:
@@ -130,7 +130,7 @@ def _band(series: Series) -> Spec:
     assert series.band is not None
     low, high = (_rounded(end) for end in series.band)
     x = _rounded(series.x)
-    fill = f"@{series.agent}/{0.07 if series.faint else 0.18}"
+    fill = f"@{key(series.agent)}/{0.07 if series.faint else 0.18}"
     spec: Spec = {"type": "scatter", "mode": "lines", "fill": "toself", "fillcolor": fill, "line": {"width": 0}}
     spec |= {"x": x + x[::-1], "y": high + low[::-1], "hoverinfo": "skip", "showlegend": False, "meta": series.agent}
     return spec
@@ -152,7 +152,7 @@ def _dash(agent: str) -> str:
 def _shape(level: Level) -> Spec:
     along = {"x0": level.value, "x1": level.value, "y0": 0, "y1": 1, "yref": "paper"}
     across = {"y0": level.value, "y1": level.value, "x0": 0, "x1": 1, "xref": "paper"}
-    colour = f"@{level.agent}" if level.agent else "@ink"
+    colour = f"@{key(level.agent)}" if level.agent else "@ink"
     style = {"color": colour, "width": 1.2, "dash": "4px,4px" if level.agent else "solid"}
     return {"type": "line", "line": style, "layer": "below", **(along if level.upright else across)}
 
@@ -168,4 +168,9 @@ def _mark(level: Level, number: int) -> Spec:
         "yanchor": "bottom",
         "yshift": -2,
     }
-    return {"text": _text(level.label), "showarrow": False, "font": {"size": 11, "color": f"@{level.agent}"}, **place}
+    return {
+        "text": _text(level.label),
+        "showarrow": False,
+        "font": {"size": 11, "color": f"@{key(level.agent)}"},
+        **place,
+    }

@@ -14,7 +14,7 @@ from markupsafe import Markup, escape
 from dashboards.report.reproduce import command, export_command, space_yaml
 from dashboards.report.summary import Summary
 from dashboards.report.tables import Table
-from dashboards.style import LOOKS, OTHER, Look
+from dashboards.style import PALETTE, key, look
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from trainables.storage.atomic import write_atomic
@@ -35,11 +35,10 @@ SHAPES = {
 
 def swatch(agent: str) -> Markup:
     """An agent's line and marker, as in the charts."""
-    look = LOOKS.get(agent, OTHER)
-    dash = " ".join(f"{length:g}" for length in look.dash)
+    dash = " ".join(f"{length:g}" for length in look(agent).dash)
     drawing = Markup('<svg class="swatch" viewBox="0 0 28 12" width="28" height="12" aria-hidden="true" style="{}">')
     drawing += Markup('<path class="dash" d="M0 6h28" stroke-dasharray="{}"/><path class="mark" d="{}"/></svg>')
-    return drawing.format(f"color:var({variable(agent)})", dash, SHAPES[look.marker])
+    return drawing.format(f"color:var({variable(agent)})", dash, SHAPES[look(agent).marker])
 
 
 def breakable(text: str) -> Markup:
@@ -54,13 +53,12 @@ def heading(text: str) -> Markup:
 
 def variable(agent: str) -> str:
     """The name of an agent's colour in the style sheet."""
-    return f"--agent-{agent}" if agent in LOOKS else "--agent-other"
+    return f"--agent-{key(agent)}"
 
 
 def palette(shade: str) -> str:
     """The agents' colours as declarations, for 'light' or 'dark'."""
-    looks: dict[str, Look] = {**LOOKS, "other": OTHER}
-    return "".join(f"--agent-{agent}:{getattr(look, shade)};" for agent, look in looks.items())
+    return "".join(f"--agent-{name}:{getattr(each, shade)};" for name, each in PALETTE.items())
 
 
 def _files(findings: Findings, content: Sequence[dict[str, Any]]) -> dict[str, str]:

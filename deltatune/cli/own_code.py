@@ -10,6 +10,7 @@ import typer
 
 from deltatune.cli.app import Json, app, out, print_json
 from deltatune.cli.tables import span
+from trainables.agents.registry import AGENTS
 from trainables.tasks.spec.family import Task
 from trainables.training.throughput import measure, probe
 
@@ -102,9 +103,9 @@ class AgentCost:
 
 
 def task_costs(task: Task) -> list[AgentCost]:
-    """The costs of the agent without transfer and of the paper's with it; about two seconds each."""
-    agents = ("q_learning", "delta_gate") if task.tabular else ("dqn", "delta_es")
-    return [_cost(agent, task) for agent in agents]
+    """The costs of the agent without transfer and of the paper's algorithm; about two seconds each."""
+    usual = [agent for agent in AGENTS.values() if agent.usual and (agent.kind == "tabular") == task.tabular]
+    return [_cost(agent.name, task) for agent in usual if not agent.needs_source or agent.algorithm]
 
 
 def _cost(agent: str, task: Task) -> AgentCost:

@@ -19,8 +19,7 @@ def varied(agent: str, task: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """The hyperparameters that are not at the agent's default for the task, and those that define the agent."""
     named = agent_named(agent)
     default = named.resolve(parse_task(task), {}).model_dump()
-    own = set(named.hyperparameters.model_fields) & {"threshold", "nu", "advice_fraction"}
-    return {name: value for name, value in values.items() if value != default.get(name) or name in own}
+    return {name: value for name, value in values.items() if value != default.get(name) or name in named.shown}
 
 
 def settings_text(values: Mapping[str, Any]) -> str:

@@ -9,6 +9,7 @@ from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
 from trainables import curve
 from trainables.errors import InputError
+from trainables.numerics.threads import one_thread
 from trainables.training.train import source_knowledge, train
 
 
@@ -44,6 +45,7 @@ def replay(storage: Path, cell_id: str, sweep: str | None = None) -> Replay:
     record = results.record(cell_id)
     if record is None or record.status != "done":
         raise InputError(f"the cell {cell_id} has failed ({record.error if record else 'no record'}): it has no curve")
+    one_thread()
     cell = record.cell
     source = source_knowledge(cell, SourceLibrary(results.storage).load) if cell.sources else None
     again = curve.columns(train(cell, source))

@@ -8,7 +8,8 @@ from typing import Any
 
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from trainables.agents.registry import AGENTS
+from trainables.agents.hyperparameters import DQN
+from trainables.agents.registry import agent_named
 
 SAME = {
     "learning_rate": "learning_rate",
@@ -41,13 +42,18 @@ def dqn_arguments(findings: Findings) -> dict[str, Any]:
     if "steps" in findings.cells:
         done = findings.cells[findings.cells["status"] == "done"]
         steps = done.groupby("group")["steps"].mean().to_dict()
-    deep = [group for group in findings.best if AGENTS[group.agent].kind == "deep"]
+    deep = [group for group in findings.best if _is_dqn(group)]
     return {
         "schema": 1,
         "sweep": findings.results.name,
         "use": 'stable_baselines3.DQN("MlpPolicy", env, **entry["kwargs"]).learn(entry["total_timesteps"])',
         "dqn": [_entry(group, steps.get(group.id)) for group in deep],
     }
+
+
+def _is_dqn(group: Group) -> bool:
+    """Whether a group's agent is deep and has all of DQN's hyperparameters, as a custom one may not."""
+    return agent_named(group.agent).kind == "deep" and DQN.model_fields.keys() <= group.hyperparameters.keys()
 
 
 def _entry(group: Group, steps: float | None) -> dict[str, Any]:
@@ -88,6 +94,4 @@ def _lost(values: Mapping[str, Any]) -> dict[str, str]:
         lost["loss"] = "squared here; stable-baselines3 always has the Huber loss"
     if values["module"]:
         lost["module"] = f"{values['module']} here; a feature extractor has to be written for stable-baselines3"
-    return lost | {
-        name: ADVICE for name in ("advice_fraction", "delta_learning_rate", "evaluation_policy") if name in values
-    }
+    return lost | {name: ADVICE for name in values if name not in DQN.model_fields}

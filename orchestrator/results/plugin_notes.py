@@ -51,4 +51,5 @@ def note(thing: TaskFamily | Agent) -> dict[str, Any]:
         return {"tabular": thing.model is not None, "defaults": dict(thing.defaults)}
     fields = thing.hyperparameters.model_fields
     defaults = {name: None if field.is_required() else field.default for name, field in fields.items()}
-    return {"base": thing.base, "kind": thing.kind, "description": thing.description, "hyperparameters": defaults}
+    known = {"base": thing.base, "kind": thing.kind, "description": thing.description, "hyperparameters": defaults}
+    return known | {"unwritten": dict(thing.hyperparameters.unwritten)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +26,25 @@ GRIDS: dict[str, list[dict[str, Any]]] = {
 """Ten configurations."""
 
 
-def findings(storage: Path, targets: int, seeds: int, evaluations: int, **more: Any) -> Findings:
-    """The findings of 10 x targets x seeds cells, with curves of so many evaluations; `more` goes into the space."""
+def findings(
+    storage: Path,
+    targets: int,
+    seeds: int,
+    evaluations: int,
+    grids: Mapping[str, Sequence[dict[str, Any]]] = GRIDS,
+    **more: Any,
+) -> Findings:
+    """The findings of targets x seeds cells of each configuration, with curves of so many evaluations.
+
+    `more` goes into the space.
+    """
     tasks = [parse_task(f"windy_gridworld:start=[{row},0],wind=small").name for row in range(targets)]
     space = {
         "schema": 1,
         "name": "synthetic",
         "seeds": seeds,
         "scenarios": [{"source": {"task": "windy_gridworld", "kinds": ["exact"]}, "targets": tasks}],
-        "agents": {agent: {} for agent in GRIDS},
+        "agents": {agent: {} for agent in grids},
         **more,
     }
     results = Results.create(storage, "synthetic", parse("synthetic", space))
@@ -42,7 +52,7 @@ def findings(storage: Path, targets: int, seeds: int, evaluations: int, **more: 
         Cell.create(agent, task, seed, values, None if agent == "q_learning" else source)
         for source in [Source(task="windy_gridworld", kind="exact")]
         for task in tasks
-        for agent, grid in GRIDS.items()
+        for agent, grid in grids.items()
         for values in grid
         for seed in range(seeds)
     ]
@@ -57,6 +67,7 @@ def tables(cells: Sequence[Cell], evaluations: int) -> tuple[pd.DataFrame, pd.Da
     for number, cell in enumerate(cells):
         returns = -200 + (100 + 37 * number % 90) * (1 - np.exp(-episodes / 800)) + rng.normal(0, 4, evaluations)
         points: dict[str, Any] = {"cell_id": cell.id, "episode": episodes, "greedy_return": returns}
+        points |= {"threshold": np.full(evaluations, 4.5)} if cell.hyperparameters.get("threshold") == "auto" else {}
         points |= {"max_abs_delta": rng.normal(8, 1, evaluations), "gate_open_share": rng.random(evaluations)}
         curves.append(pd.DataFrame(points))
         rows.append(row(cell, returns))

@@ -41,6 +41,9 @@ DEEP: dict[str, Any] = {
 }
 FEW: dict[str, Any] = DEEP | {"episodes": 2, "evaluate_every": 1, "evaluation_episodes": 1, "hidden_size": 20}
 
+TRAIN = {"delta_after_advice": "train"}
+"""What delta_es did before it could rest: the JSON of its cells does not say it."""
+
 Named = Iterator[tuple[str, Cell]]
 
 
@@ -104,11 +107,12 @@ def _deep() -> Named:
     yield "dqn/terminal", Cell.create("dqn", HEAVY, 2, DEEP | {"truncation": "terminal", "replay_capacity": 100})
     full = DEEP | {"hidden_size": 256, "batch_size": 128}
     yield "dqn/full width", Cell.create("dqn", HEAVY, 3, full)
-    yield "delta_es/half width", Cell.create("delta_es", HEAVY, 3, full | {"hidden_size": 64}, half)
+    yield "delta_es/half width", Cell.create("delta_es", HEAVY, 3, full | {"hidden_size": 64} | TRAIN, half)
     yield "es/learned", Cell.create("es", HEAVY, 0, DEEP, best)
     yield "es/shaped", Cell.create("es", HEAVY, 1, DEEP | {"evaluation_policy": "shaped"}, soon)
-    yield "delta_es/learned", Cell.create("delta_es", HEAVY, 0, DEEP | {"advice_fraction": 1.0}, best)
-    yield "delta_es/ends", Cell.create("delta_es", HEAVY, 1, DEEP | {"delta_learning_rate": 0.01}, soon)
+    yield "delta_es/learned", Cell.create("delta_es", HEAVY, 0, DEEP | {"advice_fraction": 1.0} | TRAIN, best)
+    yield "delta_es/ends", Cell.create("delta_es", HEAVY, 1, DEEP | {"delta_learning_rate": 0.01} | TRAIN, soon)
+    yield "delta_es/rests", Cell.create("delta_es", HEAVY, 1, DEEP | {"delta_learning_rate": 0.01}, soon)
     yield "dpba/learned", Cell.create("dpba", HEAVY, 0, DEEP, best)
     yield "delta_dpba/learned", Cell.create("delta_dpba", HEAVY, 0, DEEP, best)
     yield "delta_select_es/library", Cell.create("delta_select_es", HEAVY, 0, DEEP | {"memory": 5}, [best, other])

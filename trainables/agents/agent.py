@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from trainables.agents import hyperparameters as hp
+from trainables.agents.plots import Plot
 from trainables.errors import InputError, from_validation, unknown
 from trainables.tasks.registry import families
 from trainables.tasks.spec.family import Task
@@ -30,6 +31,19 @@ class Agent:
     """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
     several: bool = False
     """Whether it chooses among several sources: a cell of it may name a library beside the source."""
+    shown: tuple[str, ...] = ()
+    """Hyperparameters that are named beside it wherever it is, at their defaults too."""
+    usual: bool = False
+    """Whether it is among the agents that are compared where nobody says which."""
+    algorithm: int | None = None
+    """The number of the paper's algorithm that it is."""
+    look: str = ""
+    """A colour of `dashboards.style.PALETTE`, with its dash and marker; empty: one that no agent of its kind has."""
+    plots: tuple[Plot, ...] = ()
+    """What the report draws of it over training."""
+    own_scale: tuple[str, ...] = ("threshold",)
+    """Hyperparameters whose value for a task (`TaskFamily.defaults`) is another agent's: the paper's threshold is on
+    Algorithm 1's scale."""
 
     @property
     def needs_source(self) -> bool:
@@ -50,7 +64,7 @@ class Agent:
             deep = [name for name, family in families().items() if family.model is None]
             raise InputError(f"{self.name} needs a task with vector observations ({', '.join(deep)}), not {task.name}")
         known = self.hyperparameters.model_fields
-        own = {key: value for key, value in task.family.defaults.items() if key in known and self._takes(key)}
+        own = {key: value for key, value in task.family.defaults.items() if key in known and key not in self.own_scale}
         for key in given:
             if key not in known and self.origin != "missing":
                 raise unknown(f"hyperparameter of {self.name}", key, known)
@@ -58,7 +72,3 @@ class Agent:
             return self.hyperparameters.model_validate(own | given)
         except ValidationError as error:
             raise from_validation(self.name, error) from None
-
-    def _takes(self, key: str) -> bool:
-        """The paper's threshold per task is Algorithm 1's; the confidence gate's is on another scale."""
-        return key != "threshold" or self.name == "delta_gate"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -29,6 +31,9 @@ class Hyperparameters(BaseModel):
     """What every agent has. Wrong keys and types are refused; numbers are not read from text."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
+
+    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    """What a cell's JSON leaves out: of a hyperparameter younger than recorded cells, the value that these had."""
 
     episodes: Count = 1000
     """Training episodes (Table 4)."""
@@ -105,6 +110,9 @@ class DeltaSelect(QLearning):
 class DQN(Hyperparameters):
     """Deep Q-learning (Table 6); a task brings the paper's own values for it."""
 
+    advice: ClassVar[Any] = "trainables.learners.advice:Advice"
+    """How the source is used: a class of `trainables.learners.advice`, or the `module:Class` of one."""
+
     evaluate_every: Count = 100
     """Episodes between greedy evaluations; one is made before training and one after the last episode."""
     evaluation_episodes: Count = 50
@@ -150,6 +158,8 @@ class DQN(Hyperparameters):
 class ExplicitShaping(DQN):
     """Explicit shaping: acts on Q(s,a) - kappa_t Phi(s,a), eq. (3), with Phi = -A_src."""
 
+    advice: ClassVar[Any] = "trainables.learners.advice:ExplicitShaping"
+
     advice_fraction: Rate = 0.25
     """C = 1 / (advice_fraction T): the share of T, the source run's steps, until kappa is 0 (eq. 6)."""
     evaluation_policy: Literal["q", "shaped"] = "q"
@@ -159,8 +169,14 @@ class ExplicitShaping(DQN):
 class DeltaShaping(ExplicitShaping):
     """Algorithm 2: explicit shaping with the factor exp(-max_a |delta(s,a)|), eq. (5)."""
 
+    advice: ClassVar[Any] = "trainables.learners.advice:DeltaShaping"
+
+    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({"delta_after_advice": "train"})
+
     delta_learning_rate: Rate = 5e-4
     """alpha_d, the step size of the delta network (Table 7)."""
+    delta_after_advice: Literal["rest", "train"] = "rest"
+    """Whether the delta network is trained on once kappa is 0, when it can change no action any more."""
 
 
 class DeltaSelectShaping(ExplicitShaping):
@@ -177,9 +193,13 @@ class DeltaSelectShaping(ExplicitShaping):
 class PotentialAdvice(DQN):
     """Potential-based advice: the reward is shaped by the potential A_src of state and action."""
 
+    advice: ClassVar[Any] = "trainables.learners.advice:PotentialAdvice"
+
 
 class DeltaPotentialAdvice(PotentialAdvice):
     """Potential-based advice with the potential exp(-max_a |delta(s,a)|) A_src(s,a), which follows delta."""
+
+    advice: ClassVar[Any] = "trainables.learners.advice:DeltaPotentialAdvice"
 
     delta_learning_rate: Rate = 5e-4
     """alpha_d, the step size of the delta network (Table 7)."""

@@ -21,6 +21,7 @@ def missing_agent(name: str) -> Agent:
     notes = _NOTES.get(name, {})
     fields: Any = {key: (Any, value) for key, value in notes.get("hyperparameters", {}).items()}
     made = create_model("Missing", __base__=_Anything, **fields)
+    made.unwritten = notes.get("unwritten", {})
 
     def refuse(*_: object) -> NoReturn:
         raise InputError(_sentence("agent", name))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from trainables.agents import custom
 from trainables.agents import hyperparameters as hp
 from trainables.agents.agent import Agent
+from trainables.agents.plots import ADVICE_FACTOR, DELTA_P90, GATE_OPEN, KAPPA, MAX_DELTA, SOURCE_ACTION
 from trainables.errors import unknown
 from trainables.plugins import entry_points
 
@@ -16,18 +17,45 @@ _DEEP = "trainables.learners.dqn:DeepLearner"
 _SELECT = "trainables.learners.delta_select:SelectLearner"
 _DEEP_SELECT = "trainables.learners.delta_select_es:DeepSelectLearner"
 
+_ADVICE = (KAPPA, ADVICE_FACTOR)
+
 AGENTS: dict[str, Agent] = {
     agent.name: agent
     for agent in (
-        Agent("q_learning", "Q-learning without transfer", hp.QLearning, None, _LEARNER),
-        Agent("policy_reuse", "the source policy, unchanged (direct reuse)", hp.Transfer, "q_learning", _LEARNER),
-        Agent("ppr", "probabilistic policy reuse", hp.ProbabilisticPolicyReuse, "q_learning", _LEARNER),
+        Agent("q_learning", "Q-learning without transfer", hp.QLearning, None, _LEARNER, usual=True, look="grey"),
+        Agent(
+            "policy_reuse",
+            "the source policy, unchanged (direct reuse)",
+            hp.Transfer,
+            "q_learning",
+            _LEARNER,
+            usual=True,
+            look="orange",
+            plots=(MAX_DELTA,),
+        ),
+        Agent(
+            "ppr",
+            "probabilistic policy reuse",
+            hp.ProbabilisticPolicyReuse,
+            "q_learning",
+            _LEARNER,
+            shown=("nu",),
+            usual=True,
+            look="blue",
+            plots=(SOURCE_ACTION, MAX_DELTA),
+        ),
         Agent(
             "delta_gate",
             "Algorithm 1: the source policy while max |delta| <= threshold",
             hp.DeltaGate,
             "q_learning",
             _LEARNER,
+            shown=("threshold",),
+            usual=True,
+            algorithm=1,
+            look="vermilion",
+            plots=(GATE_OPEN, MAX_DELTA),
+            own_scale=(),
         ),
         Agent(
             "confidence_gate",
@@ -35,8 +63,20 @@ AGENTS: dict[str, Agent] = {
             hp.ConfidenceGate,
             "q_learning",
             _LEARNER,
+            shown=("threshold",),
+            usual=True,
+            look="green",
+            plots=(GATE_OPEN, MAX_DELTA),
         ),
-        Agent("q_warm_start", "Q-learning that starts from Q_src", hp.Transfer, "q_learning", _LEARNER),
+        Agent(
+            "q_warm_start",
+            "Q-learning that starts from Q_src",
+            hp.Transfer,
+            "q_learning",
+            _LEARNER,
+            look="pink",
+            plots=(MAX_DELTA,),
+        ),
         Agent(
             "delta_select",
             "of several sources the one with the smallest delta along its own path, or none",
@@ -44,10 +84,35 @@ AGENTS: dict[str, Agent] = {
             "q_learning",
             _SELECT,
             several=True,
+            look="sky",
+            plots=(SOURCE_ACTION,),
         ),
-        Agent("dqn", "deep Q-learning without transfer", hp.DQN, None, _DEEP, "deep"),
-        Agent("es", "explicit shaping: acts on Q + kappa A_src", hp.ExplicitShaping, "dqn", _DEEP, "deep"),
-        Agent("delta_es", "Algorithm 2: explicit shaping scaled by delta", hp.DeltaShaping, "dqn", _DEEP, "deep"),
+        Agent("dqn", "deep Q-learning without transfer", hp.DQN, None, _DEEP, "deep", usual=True, look="grey"),
+        Agent(
+            "es",
+            "explicit shaping: acts on Q + kappa A_src",
+            hp.ExplicitShaping,
+            "dqn",
+            _DEEP,
+            "deep",
+            shown=("advice_fraction",),
+            usual=True,
+            look="blue",
+            plots=_ADVICE,
+        ),
+        Agent(
+            "delta_es",
+            "Algorithm 2: explicit shaping scaled by delta",
+            hp.DeltaShaping,
+            "dqn",
+            _DEEP,
+            "deep",
+            shown=("advice_fraction",),
+            usual=True,
+            algorithm=2,
+            look="vermilion",
+            plots=(*_ADVICE, DELTA_P90),
+        ),
         Agent(
             "delta_select_es",
             "explicit shaping by that of several sources whose delta is smallest, or none",
@@ -56,8 +121,20 @@ AGENTS: dict[str, Agent] = {
             _DEEP_SELECT,
             "deep",
             several=True,
+            shown=("advice_fraction", "threshold"),
+            look="green",
+            plots=_ADVICE,
         ),
-        Agent("dpba", "potential-based advice: reward shaping by A_src", hp.PotentialAdvice, "dqn", _DEEP, "deep"),
+        Agent(
+            "dpba",
+            "potential-based advice: reward shaping by A_src",
+            hp.PotentialAdvice,
+            "dqn",
+            _DEEP,
+            "deep",
+            look="sky",
+            plots=_ADVICE,
+        ),
         Agent(
             "delta_dpba",
             "potential-based advice scaled by delta",
@@ -65,6 +142,8 @@ AGENTS: dict[str, Agent] = {
             "dqn",
             _DEEP,
             "deep",
+            look="pink",
+            plots=(*_ADVICE, DELTA_P90),
         ),
     )
 }

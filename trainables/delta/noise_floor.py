@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trainables.delta import tabular_estimator
+from trainables.delta.sample import delta_sample, delta_samples
 from trainables.delta.tabular_estimator import DeltaRule, DeltaTable
 from trainables.numerics.jit import compiled
 from trainables.numerics.rng import stream
 from trainables.tasks.registry import parse_task
-from trainables.tasks.rollout import F32, Transitions, Values
+from trainables.tasks.rollout import Transitions, Values
 from trainables.tasks.tabular_env import step as env_step
 
 RUNS = 10
@@ -54,7 +55,8 @@ def _largest(
             action = source.pi[state]
             next_state, reward, terminated = env_step(kind, state, action, parameters, rng)
             v_next = 0.0 if terminated else source.v[next_state]
-            tabular_estimator.update(table, rule, state, action, reward + gamma * v_next - source.q[state, action])
+            sample = delta_sample(reward, gamma, v_next, source.q[state, action])
+            tabular_estimator.update(table, rule, state, action, sample)
             largest = max(largest, tabular_estimator.size(table, rule, state, action))
             state = next_state
             if terminated:
@@ -105,14 +107,6 @@ class SelfDelta:
     root_mean_square: float
     """Root of the mean over all steps of delta^2."""
     episodes: tuple[Episode, ...]
-
-
-def delta_samples(source: Values, seen: Transitions, gamma: float) -> F32:
-    """Samples r + gamma max_b Q_src(s',b) - Q_src(s,a), (n,); 0 for max_b where terminated: eq. (4)'s targets."""
-    future = np.where(seen.terminated, np.float32(0), np.float32(gamma) * source.rows(seen.next_observations).max(1))
-    q = np.take_along_axis(source.rows(seen.observations), seen.actions[:, None], axis=1)[:, 0]
-    result: F32 = seen.rewards + future - q
-    return result
 
 
 def episode_of(source: Values, seen: Transitions, gamma: float) -> Episode:

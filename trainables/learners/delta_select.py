@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from trainables.agents.hyperparameters import DeltaSelect
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
+from trainables.delta.sample import delta_sample
 from trainables.evaluation import expected_return
 from trainables.knowledge import Knowledge, parts
 from trainables.learners.tabular_state import InPlace
@@ -145,7 +146,7 @@ def run_episodes(
             cut = terminated or (rule.truncation_is_terminal and t == time_limit - 1)
             if k != NONE:  # a sample of delta, eq. (2): Q_src at the source's own action is V_src
                 v_next = 0.0 if cut else sources.v[k, next_state]
-                collected += discount * (reward + rule.gamma * v_next - sources.v[k, state])
+                collected += discount * delta_sample(reward, rule.gamma, v_next, sources.v[k, state])
             else:
                 collected += discount * reward
             discount *= rule.gamma

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 
 from trainables.agents.hyperparameters import DeltaSelectShaping
 from trainables.cell import Cell
-from trainables.delta.noise_floor import delta_samples, self_delta
+from trainables.delta.noise_floor import self_delta
+from trainables.delta.sample import delta_samples
 from trainables.knowledge import Knowledge, parts
-from trainables.learners.advice import Advice, best_action
+from trainables.learners.advice import ExplicitShaping, best_action
 from trainables.learners.delta_select import NONE
-from trainables.learners.dqn import DeepLearner, decay_constant
+from trainables.learners.dqn import DeepLearner
+from trainables.learners.replay_buffer import Replay
+from trainables.learners.targets import TargetCache
 from trainables.networks.network import Network, source_network
 from trainables.numerics.matmul import F32
 from trainables.tasks.rollout import Transitions
 
 
-class Selection(Advice):
+class Selection(ExplicitShaping):
     """The advice kappa_t exp(-e_k) A_src,k of the source k with the smallest excess e_k, or none over the threshold.
 
     e_k is what the mean |delta_k| of recent transitions, less z standard errors over episodes, exceeds the mean
@@ -29,10 +32,10 @@ class Selection(Advice):
     """
 
     def __init__(
-        self, sources: Sequence[Network], floors: NDArray[np.float64], decay: float, settings: DeltaSelectShaping
+        self, settings: DeltaSelectShaping, sources: Sequence[Network], floors: NDArray[np.float64], steps: int
     ) -> None:
-        super().__init__(sources[0], None, decay)
-        self._sources, self._floors, self._settings = sources, floors, settings
+        super().__init__(settings, sources[0], None, steps)
+        self._sources, self._floors = sources, floors
         self._sums = np.zeros((3, len(sources)))
         """Of |delta|, of its square, and of the transitions: all fading."""
         self._episodes = 0.0
@@ -42,16 +45,16 @@ class Selection(Advice):
 
     def observe(self, seen: Transitions, episodes: int) -> None:
         """Take in transitions, the newest of which belongs to episode number `episodes`, and choose anew."""
-        fade = math.exp((self._episodes - episodes) / self._settings.memory)
+        fade = math.exp((self._episodes - episodes) / self.settings.memory)
         self._episodes = float(episodes)
         self._sums *= fade
         for k, source in enumerate(self._sources):
-            size = np.abs(delta_samples(source, seen, self._settings.gamma)).astype(np.float64)
+            size = np.abs(delta_samples(source, seen, self.settings.gamma)).astype(np.float64)
             self._sums[:, k] += size.sum(), (size**2).sum(), len(size)
         mean, excess = self._estimates()
         self._at = int(np.lexsort((mean, excess))[0])
-        self.chosen = self._at if excess[self._at] <= self._settings.threshold else NONE
-        self._source = self._sources[self._at]
+        self.chosen = self._at if excess[self._at] <= self.settings.threshold else NONE
+        self.source = self._sources[self._at]
         self._excess[0] = excess[self._at]
 
     @property
@@ -63,14 +66,14 @@ class Selection(Advice):
         """Mean |delta_k| and e_k of every source."""
         mean, square = self._sums[:2] / np.maximum(self._sums[2], 1e-300)
         sd = np.sqrt(np.maximum(square - mean**2, 0.0))
-        episodes = max(1.0, min(self._episodes, self._settings.memory))
-        return mean, np.maximum(mean - self._settings.z * sd / math.sqrt(episodes) - self._floors, 0.0)
+        episodes = max(1.0, min(self._episodes, self.settings.memory))
+        return mean, np.maximum(mean - self.settings.z * sd / math.sqrt(episodes) - self._floors, 0.0)
 
     def best(self, q: F32, observation: F32) -> int:
         """The action that the chosen source's advice makes the best; argmax q without one."""
         if self.chosen == NONE:
             return int(q.argmax())
-        return int(best_action(q, self._source.row(observation), self._excess, self.kappa))
+        return int(best_action(q, self.source.row(observation), self._excess, self.kappa))
 
     def factor(self, observations: F32) -> F32:
         """exp(-e_k), (n,); 0 where no source is chosen."""
@@ -79,23 +82,47 @@ class Selection(Advice):
 
     def state(self) -> dict[str, Any]:
         """What decides how it goes on."""
-        numbers = {"episodes": self._episodes, "chosen": self.chosen, "at": self._at}
+        numbers = super().state() | {"episodes": self._episodes, "chosen": self.chosen, "at": self._at}
         return numbers | {"sums": self._sums.copy(), "excess": self._excess.copy()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go back to what `state` returned."""
+        super().restore(state)
         self._sums[:] = state["sums"]
         self._episodes = float(state["episodes"])
         self._at, self.chosen = int(state["at"]), int(state["chosen"])
-        self._source = self._sources[self._at]
+        self.source = self._sources[self._at]
         self._excess[:] = state["excess"]
+
+
+class ObservedTargets(TargetCache):
+    """The targets of Q, which show each new transition to the selection when they are computed."""
+
+    def __init__(
+        self, replay: Replay, target: Network, selection: Selection, gamma: float, episode: Callable[[], int]
+    ) -> None:
+        super().__init__(replay, target, selection, gamma)
+        self._selection, self._episode = selection, episode
+
+    def refresh(self, replay: Replay) -> None:
+        """Compute what is stale, and choose the source anew."""
+        super().refresh(replay)
+        for part in replay.newest(self.stale_delta):
+            self._selection.observe(replay.transitions(part), self._episode())
+        self.stale_delta = 0
 
 
 class DeepSelectLearner(DeepLearner):
     """A deep agent whose advice comes from a library."""
 
-    def _build_networks(self, cell: Cell, source: Knowledge | None) -> None:
-        super()._build_networks(cell, None)
+    _advice: Selection
+
+    def __init__(self, cell: Cell, source: Knowledge | None) -> None:
+        super().__init__(cell, source)
+        gamma = self._settings.gamma
+        self._targets = ObservedTargets(self._replay, self._target, self._advice, gamma, lambda: self._episode)
+
+    def _make_advice(self, cell: Cell, source: Knowledge | None) -> Selection:
         settings = self._settings
         assert isinstance(settings, DeltaSelectShaping)
         assert source is not None
@@ -108,32 +135,8 @@ class DeepSelectLearner(DeepLearner):
         ]
         named, part = given[0]
         steps = int(part.arrays["steps"]) if named.steps is None else named.steps
-        self._selection = Selection(networks, np.array(floors), decay_constant(settings, steps), settings)
-        self._advice = self._selection
-
-    def _refresh(self) -> None:
-        super()._refresh()
-        replay = self._replay
-        for part in replay.newest(replay.stale_delta):
-            seen = Transitions(
-                replay.observations[part],
-                replay.actions[part],
-                replay.rewards[part],
-                replay.next_observations[part],
-                replay.terminated[part],
-            )
-            self._selection.observe(seen, self._episode)
-        replay.stale_delta = 0
+        return Selection(settings, networks, np.array(floors), steps)
 
     def _statistics(self) -> dict[str, float]:
-        own = {"source": float(self._selection.chosen), "delta_excess": self._selection.excess}
+        own = {"source": float(self._advice.chosen), "delta_excess": self._advice.excess}
         return super()._statistics() | own
-
-    def state(self) -> dict[str, Any]:
-        """Everything that decides how training goes on, the choice included."""
-        return super().state() | {"selection": self._selection.state()}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
-        super().restore(state)
-        self._selection.restore(state["selection"])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Any, Protocol, runtime_checkable
 
+from trainables.agents.named import entry
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
@@ -39,9 +39,5 @@ class Resumable(Learner, Protocol):
 def new_learner(cell: Cell, source: Knowledge | None) -> Learner:
     """The learner of `cell`, before its first episode."""
     agent = agent_named(cell.agent)
-    made = agent.learner
-    if isinstance(made, str):
-        module, _, name = made.partition(":")
-        made = getattr(import_module(module), name)
-    learner: Learner = made(cell, source)
+    learner: Learner = entry(agent.learner)(cell, source)
     return learner

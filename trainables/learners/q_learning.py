@@ -17,6 +17,7 @@ from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.delta import tabular_estimator
 from trainables.delta.noise_floor import noise_floor
+from trainables.delta.sample import delta_sample
 from trainables.delta.tabular_estimator import DeltaRule, DeltaTable
 from trainables.evaluation import expected_return
 from trainables.knowledge import Knowledge
@@ -121,7 +122,7 @@ def run_episodes(
             total += reward
             if rule.has_source:  # 10, eq. (2)
                 v_next = 0.0 if terminated else tables.v_src[next_state]
-                sample = reward + rule.gamma * v_next - tables.q_src[state, action]
+                sample = delta_sample(reward, rule.gamma, v_next, tables.q_src[state, action])
                 counts.over[0] += tabular_estimator.update(tables.delta, rule.delta, state, action, sample)
                 counts.flips[0] += (counts.over[0] == 0) != gate_open
             cut = terminated or (rule.truncation_is_terminal and t == time_limit - 1)

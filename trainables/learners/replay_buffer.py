@@ -1,15 +1,16 @@
-"""The replay buffer, with the parts of every transition's target that change seldom kept beside it."""
+"""The replay buffer and its minibatches."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trainables.numerics.jit import compiled
 from trainables.numerics.matmul import F32
+from trainables.tasks.rollout import Transitions
 
 I64 = NDArray[np.int64]
 
@@ -17,128 +18,172 @@ BLOCK = 1024
 """Minibatches whose indices are drawn together."""
 
 
+class Memory(NamedTuple):
+    """What is remembered: one transition a row."""
+
+    observations: F32
+    """(capacity, inputs)."""
+    actions: I64
+    rewards: F32
+    next_observations: F32
+    """(capacity, inputs)."""
+    terminated: NDArray[np.bool_]
+    cut: NDArray[np.bool_]
+    """Whether Q's target ends here: where terminated, and by the agent's choice where truncated."""
+
+
+class Batch(NamedTuple):
+    """A minibatch, B transitions; the next one overwrites it."""
+
+    indices: I64
+    """(B,): where they are remembered."""
+    observations: F32
+    """(inputs, B), flat: the batch is last."""
+    actions: I64
+    """(B,)."""
+    td_targets: F32
+    """(B,)."""
+    delta_targets: F32
+    """(B,)."""
+
+
 @compiled
-def _gather(
+def gather(
     drawn: I64,
     observations: F32,
     actions: I64,
-    rewards: F32,
-    future: F32,
-    advice: F32,
-    delta: F32,
-    indices: I64,
-    x: F32,
-    chosen: I64,
     targets: F32,
-    delta_targets: F32,
+    indices: I64,
+    batch_observations: F32,
+    batch_actions: I64,
+    batch_targets: F32,
     size: int,
     head: int,
     stale: int,
 ) -> bool:
-    """Fill the minibatch; whether it holds one of the `stale` newest transitions, those before `head`."""
-    capacity, n_in = observations.shape
-    batch = len(drawn)
+    """Fill a minibatch; whether it holds one of the `stale` newest transitions, those before `head`.
+
+    Shapes as in `Memory` and `Batch`, targets (2, capacity) and batch_targets (2, B): those of Q, then of delta. Flat,
+    for numba looks at each array of a named tuple anew in every call from Python.
+    """
+    capacity, inputs = observations.shape
+    count = len(drawn)
     found = False
-    for j in range(batch):
+    for j in range(count):
         i = (drawn[j] * size) >> 32
         age = head - 1 - i
         found |= (age if age >= 0 else age + capacity) < stale
         indices[j] = i
-        for k in range(n_in):
-            x[k * batch + j] = observations[i, k]
-        chosen[j] = actions[i]
-        targets[j] = rewards[i] - advice[i] + future[i]
-        delta_targets[j] = delta[i]
+        for k in range(inputs):
+            batch_observations[k * count + j] = observations[i, k]
+        batch_actions[j] = actions[i]
+        batch_targets[0, j] = targets[0, i]
+        batch_targets[1, j] = targets[1, i]
     return found
 
 
-class Replay:
-    """The last `capacity` transitions, and minibatches drawn from them uniformly with replacement.
+class Targets(Protocol):
+    """What `sample` asks of the targets (`TargetCache`)."""
 
-    A transition's target is reward - advice + future: `future` is gamma max_b of the target network at s' (0 where
-    terminated), `advice` the potential at (s,a) of an agent that shapes the reward. Both hold until the target
-    network is copied, so the learner computes them once, for many transitions at a time, when a minibatch first
-    needs one of them; `stale` counts the newest transitions for which that is still to be done. `delta` is the
-    target of eq. (4), which never changes; `stale_delta` counts likewise.
-    """
+    targets: F32
+    """(2, capacity): those of Q, then of delta."""
+    stale: int
+    """How many of the newest transitions have no valid target of Q."""
+
+    def refresh(self, replay: Replay) -> None:
+        """Compute what is stale."""
+
+
+class Replay:
+    """The last `capacity` transitions, and minibatches drawn from them uniformly with replacement."""
 
     def __init__(self, capacity: int, inputs: int, batch_size: int, rng: np.random.Generator) -> None:
-        self.observations, self.next_observations = (np.zeros((capacity, inputs), np.float32) for _ in range(2))
-        self.actions = np.zeros(capacity, np.int64)
-        self.rewards, self.future, self.advice, self.delta = (np.zeros(capacity, np.float32) for _ in range(4))
-        self.terminated = np.zeros(capacity, np.bool_)
-        self.size = self.head = self.stale = self.stale_delta = 0
-        self.x = np.zeros(inputs * batch_size, np.float32)
-        """Observations of the minibatch, (inputs, batch), flat."""
-        self.chosen = np.zeros(batch_size, np.int64)
-        self.targets, self.delta_targets = (np.zeros(batch_size, np.float32) for _ in range(2))
-        self._capacity, self._rng = capacity, rng
-        self.indices = np.zeros(batch_size, np.int64)
+        self.memory = Memory(
+            np.zeros((capacity, inputs), np.float32),
+            np.zeros(capacity, np.int64),
+            np.zeros(capacity, np.float32),
+            np.zeros((capacity, inputs), np.float32),
+            np.zeros(capacity, np.bool_),
+            np.zeros(capacity, np.bool_),
+        )
+        self._batch_targets = np.zeros((2, batch_size), np.float32)
+        self.batch = Batch(
+            np.zeros(batch_size, np.int64),
+            np.zeros(inputs * batch_size, np.float32),
+            np.zeros(batch_size, np.int64),
+            *self._batch_targets,
+        )
+        self.capacity = capacity
+        self.size = self.head = 0
+        self._rng = rng
         self._drawn = np.zeros((0, batch_size), np.int64)
         self._before_draw, self._next = rng.bit_generator.state, 0
 
-    def add(self, observation: F32, action: int, reward: float, next_observation: F32, terminated: bool) -> None:
+    def add(
+        self, observation: F32, action: int, reward: float, next_observation: F32, terminated: bool, cut: bool
+    ) -> None:
         """Remember one transition in place of the oldest."""
-        at = self.head
-        self.observations[at] = observation
-        self.next_observations[at] = next_observation
-        self.actions[at] = action
-        self.rewards[at] = reward
-        self.terminated[at] = terminated
-        self.head = at + 1 if at + 1 < self._capacity else 0
-        if self.size < self._capacity:
+        memory, at = self.memory, self.head
+        memory.observations[at] = observation
+        memory.next_observations[at] = next_observation
+        memory.actions[at] = action
+        memory.rewards[at] = reward
+        memory.terminated[at] = terminated
+        memory.cut[at] = cut
+        self.head = at + 1 if at + 1 < self.capacity else 0
+        if self.size < self.capacity:
             self.size += 1
-        self.stale = min(self.stale + 1, self.size)
-        self.stale_delta = min(self.stale_delta + 1, self.size)
 
-    def sample(self) -> bool:
-        """Draw a minibatch into indices, x, chosen and targets.
-
-        True where it holds a transition whose target is stale: `gather` again once it is not.
-        """
+    def sample(self, targets: Targets) -> Batch:
+        """Draw a minibatch, its targets up to date."""
         self._next += 1
         if self._next >= len(self._drawn):
             self._draw()
-        return self.gather()
+        if self._fill(targets):
+            targets.refresh(self)
+            self._fill(targets)
+        return self.batch
 
-    def gather(self) -> bool:
-        """Fill the arrays from the minibatch drawn last: 32 random bits each, scaled to the number of transitions."""
-        drawn = self._drawn[self._next]
-        return bool(
-            _gather(
-                drawn, self.observations, self.actions, self.rewards, self.future, self.advice, self.delta,
-                self.indices, self.x, self.chosen, self.targets, self.delta_targets, self.size, self.head, self.stale,
-            )
+    def _fill(self, targets: Targets) -> bool:
+        """Fill the minibatch drawn last, by 32 random bits for each transition; whether a target in it is stale."""
+        memory, batch = self.memory, self.batch
+        return gather(
+            self._drawn[self._next], memory.observations, memory.actions, targets.targets,
+            batch.indices, batch.observations, batch.actions, self._batch_targets,
+            self.size, self.head, targets.stale,
         )  # fmt: skip
+
+    def transitions(self, part: slice) -> Transitions:
+        """Return the transitions in a slice."""
+        m = self.memory
+        return Transitions(
+            m.observations[part], m.actions[part], m.rewards[part], m.next_observations[part], m.terminated[part]
+        )
 
     def newest(self, count: int) -> Iterator[slice]:
         """The slices that the `count` newest transitions lie in."""
         if count > self.head:
-            yield slice(self._capacity - (count - self.head), self._capacity)
+            yield slice(self.capacity - (count - self.head), self.capacity)
         if count and self.head:
             yield slice(max(self.head - count, 0), self.head)
 
     def _draw(self) -> None:
         self._before_draw = self._rng.bit_generator.state
-        shape = (BLOCK, len(self.chosen))
+        shape = (BLOCK, len(self.batch.indices))
         self._drawn = self._rng.integers(0, 2**32, size=shape, dtype=np.int64)
         self._next = 0
 
-    _ARRAYS = ("observations", "next_observations", "actions", "rewards", "future", "advice", "delta", "terminated")
-    _NUMBERS = ("size", "head", "stale", "stale_delta")
-
     def state(self) -> dict[str, Any]:
-        """Everything, for a checkpoint; of the arrays what has been filled."""
-        arrays = {name: getattr(self, name)[: self.size].copy() for name in self._ARRAYS}
-        numbers = {name: getattr(self, name) for name in self._NUMBERS}
-        return arrays | numbers | {"rng": self._before_draw, "drawn": len(self._drawn), "next": self._next}
+        """Return everything, for a checkpoint; of the arrays what has been filled."""
+        arrays = {name: column[: self.size].copy() for name, column in self.memory._asdict().items()}
+        numbers = {"size": self.size, "head": self.head, "drawn": len(self._drawn), "next": self._next}
+        return arrays | numbers | {"rng": self._before_draw}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go back to what `state` returned."""
-        for name in self._NUMBERS:
-            setattr(self, name, int(state[name]))
-        for name in self._ARRAYS:
-            getattr(self, name)[: self.size] = state[name]
+        self.size, self.head = int(state["size"]), int(state["head"])
+        for name, column in self.memory._asdict().items():
+            column[: self.size] = state[name]
         self._rng.bit_generator.state = state["rng"]
         self._before_draw = state["rng"]
         if state["drawn"]:

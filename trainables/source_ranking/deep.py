@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trainables.delta.noise_floor import Episode, delta_samples, episode_of, self_delta
+from trainables.delta.noise_floor import Episode, episode_of, self_delta
+from trainables.delta.sample import delta_samples
 from trainables.networks.network import Network
 from trainables.numerics.rng import stream
 from trainables.source_ranking.path_value import Following

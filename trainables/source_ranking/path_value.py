@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trainables.delta.sample import delta_sample
 from trainables.numerics.jit import compiled
 
 I64 = NDArray[np.int64]
@@ -92,7 +93,7 @@ def solve(seen: Seen, pi: I64, v_src: F64, gamma: float, d: F64, delta: F64, spr
     for i in rows:
         s = seen.state[i]
         visits[s] += seen.times[i]
-        base[s] += seen.reward[i] + seen.times[i] * (gamma * v_src[seen.next_state[i]] - v_src[s])
+        base[s] += seen.reward[i] + seen.times[i] * delta_sample(0.0, gamma, v_src[seen.next_state[i]], v_src[s])
     for s in range(states):
         delta[s] = base[s] / visits[s] if visits[s] > 0 else 0.0
         d[s] = d[s] if visits[s] > 0 else 0.0
@@ -112,7 +113,7 @@ def solve(seen: Seen, pi: I64, v_src: F64, gamma: float, d: F64, delta: F64, spr
     spread[:] = 0.0
     for i in rows:
         s, n = seen.state[i], seen.times[i]
-        shift = gamma * v_src[seen.next_state[i]] - v_src[s] - delta[s]
+        shift = delta_sample(0.0, gamma, v_src[seen.next_state[i]], v_src[s]) - delta[s]
         spread[0, s] += seen.square[i] + 2 * shift * seen.reward[i] + n * shift * shift
         shift += gamma * d[seen.next_state[i]] - (d[s] - delta[s])
         spread[1, s] += seen.square[i] + 2 * shift * seen.reward[i] + n * shift * shift
@@ -162,8 +163,8 @@ class Follower:
         weight = occupancy(seen, self.pi, self._visits, self._start, self._gamma)
         known = self._visits > 0
         n, mu = self._visits[known], weight[known]
-        variance = _variance(self._spread[0][known], n)
-        noise, error = variance / n, _variance(self._spread[1][known], n) / n
+        variance = _variance(self._spread[0][known], n, self._delta[known])
+        noise, error = variance / n, _variance(self._spread[1][known], n, self._delta[known]) / n
         unseen = float(weight[~known].sum())
         usual = math.sqrt(float((mu @ (self._delta[known] ** 2 + variance)) / mu.sum())) if known.any() else math.inf
         doubt = usual * unseen / (1 - self._gamma) if unseen else 0.0
@@ -177,9 +178,12 @@ class Follower:
         )
 
 
-def _variance(spread: F64, n: F64) -> F64:
-    """Variance of one sample in each state: its own, and the pooled one for one more sample, so that n = 1 has one."""
+def _variance(spread: F64, n: F64, delta: F64) -> F64:
+    """Variance of one sample in each state: its own, and the pooled one for one more sample, so that n = 1 has one.
+
+    Where no state was seen twice, nothing tells noise from delta: all of delta counts as noise.
+    """
     freedom = float((n - 1).sum())
-    pooled = float(spread.sum()) / freedom if freedom > 0 else 0.0
+    pooled = float(spread.sum()) / freedom if freedom > 0 else float((delta**2).mean()) if len(delta) else 0.0
     result: F64 = (spread + pooled) / n
     return result

@@ -9,7 +9,7 @@
   function colour(name) {
     const [key, opacity] = name.slice(1).split("/");
     const style = getComputedStyle(root);
-    const value = ["--" + key, "--agent-" + key, "--agent-other"]
+    const value = ["--" + key, "--agent-" + key]
       .map((variable) => style.getPropertyValue(variable).trim())
       .find((found) => found);
     if (!opacity) return value;

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.image import imread
 
 from dashboards.draw import draw
-from dashboards.style import LOOKS, MARKERS
+from dashboards.style import MARKERS, look
 from orchestrator.analysis.findings import find
 from orchestrator.results.sweep_folder import Results
 from trainables.agents.registry import AGENTS
@@ -56,7 +56,7 @@ def test_a_sweep_without_transfer_has_curves_alone(results: Results) -> None:
 
 def test_every_agent_has_a_look_of_its_own_among_its_kind() -> None:
     for kind in ("tabular", "deep"):
-        looks = [LOOKS[agent.name] for agent in AGENTS.values() if agent.kind == kind]
+        looks = [look(agent.name) for agent in AGENTS.values() if agent.kind == kind]
         for part in ("light", "dark", "dash", "marker"):
             assert len({getattr(look, part) for look in looks}) == len(looks) > 1
         assert all(look.marker in MARKERS for look in looks)

@@ -93,7 +93,12 @@ def test_stable_baselines_takes_the_arguments(tmp_path: Path, agent: str) -> Non
 def test_what_stable_baselines_does_not_have_is_said(tmp_path: Path) -> None:
     plain, advised = (entry["without_counterpart"] for entry in dqn_arguments(deep(tmp_path))["dqn"])
     assert {"epsilon_decay", "loss", "initialisation"} <= set(plain)
-    assert set(advised) - set(plain) == {"advice_fraction", "delta_learning_rate", "evaluation_policy"}
+    assert set(advised) - set(plain) == {
+        "advice_fraction",
+        "delta_after_advice",
+        "delta_learning_rate",
+        "evaluation_policy",
+    }
     known = {*AGENTS["delta_es"].hyperparameters.model_fields, "initialisation"}
     assert set(advised) <= known
 

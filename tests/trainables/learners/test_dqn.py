@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,13 @@ import numpy as np
 import pytest
 import torch
 
+from trainables.agents import registry
+from trainables.agents.hyperparameters import DQN
 from trainables.cell import Cell, Source
 from trainables.curve import EvalPoint
 from trainables.errors import InputError, TrainingError
 from trainables.knowledge import Knowledge
+from trainables.learners.advice import Advice, DeltaShaping, PotentialAdvice
 from trainables.learners.dqn import DeepLearner
 from trainables.networks.network import new_network
 from trainables.storage import checkpoint
@@ -121,6 +124,7 @@ def test_what_is_reported(agent: str, source: Knowledge) -> None:
         names |= {"kappa", "advice_factor"}
     if agent.startswith("delta"):
         names |= {"delta_mean", "delta_median", "delta_p90"}
+        names |= {"delta_rests"} if agent == "delta_es" else set()
         assert 0 < last["delta_median"] <= last["delta_p90"]
     assert set(last) == names
     assert points[-1].step == sum(
@@ -151,54 +155,106 @@ def learner(agent: str, source: Knowledge, **given: Any) -> DeepLearner:
 
 
 def test_targets_are_the_target_networks_of_now(source: Knowledge) -> None:
-    """The values kept beside the buffer equal those computed afresh: r + gamma max_b Q_target(s',b), 0 if terminal."""
+    """The cached targets equal those computed afresh: r + gamma max_b Q_target(s',b), 0 if terminal."""
     agent = learner("dqn", source)
-    replay, settings = agent._replay, agent._settings
+    memory, settings = agent._replay.memory, agent._settings
     for _ in range(5):
-        if replay.sample():
-            agent._refresh()
-            replay.gather()
-        i = replay.indices
-        future = agent._target.rows(replay.next_observations[i]).max(axis=1) * ~replay.terminated[i]
-        np.testing.assert_allclose(replay.targets, replay.rewards[i] + settings.gamma * future, rtol=1e-5)
-        np.testing.assert_array_equal(replay.x.reshape(4, -1).T, replay.observations[i])
+        batch = agent._replay.sample(agent._targets)
+        i = batch.indices
+        future = agent._target.rows(memory.next_observations[i]).max(axis=1) * ~memory.terminated[i]
+        np.testing.assert_allclose(batch.td_targets, memory.rewards[i] + settings.gamma * future, rtol=1e-5)
+        np.testing.assert_array_equal(batch.observations.reshape(4, -1).T, memory.observations[i])
+        np.testing.assert_array_equal(batch.actions, memory.actions[i])
 
 
 def test_delta_learns_from_equation_4(source: Knowledge) -> None:
-    agent = learner("delta_es", source)
-    replay = agent._replay
-    agent._refresh()
-    assert agent._source is not None
-    i = np.arange(replay.size)
-    v_src = agent._source.rows(replay.next_observations[i]).max(axis=1) * ~replay.terminated[i]
-    q_src = agent._source.rows(replay.observations[i])[i, replay.actions[i]]
-    np.testing.assert_allclose(replay.delta[i], replay.rewards[i] + 0.99 * v_src - q_src, atol=1e-5)
+    agent = learner("delta_es", source, delta_after_advice="train")
+    memory, i = agent._replay.memory, np.arange(agent._replay.size)
+    agent._targets.refresh(agent._replay)
+    network = agent._advice.source
+    assert network is not None
+    v_src = network.rows(memory.next_observations[i]).max(axis=1) * ~memory.terminated[i]
+    q_src = network.rows(memory.observations[i])[i, memory.actions[i]]
+    np.testing.assert_allclose(agent._targets.delta[i], memory.rewards[i] + 0.99 * v_src - q_src, atol=1e-5)
 
 
 @pytest.mark.parametrize("agent_name", ["dpba", "delta_dpba"])
 def test_potential_advice_shapes_the_target(agent_name: str, source: Knowledge) -> None:
     """The target is r + gamma max_b (Q + Phi)(s',b) - Phi(s,a), with Phi the source's scaled advantage."""
     agent = learner(agent_name, source)
-    replay = agent._replay
-    replay.stale = replay.size
-    agent._refresh()
-    assert agent._advice is not None
-    i = np.arange(replay.size)
-    advice = agent._advice.rows(replay.observations[i])
-    assert advice.max() == 0 > advice.min()
-    np.testing.assert_allclose(replay.advice[i], advice[i, replay.actions[i]], rtol=1e-6)
-    later = agent._target.rows(replay.next_observations[i]) + agent._advice.rows(replay.next_observations[i])
-    np.testing.assert_allclose(replay.future[i], 0.99 * later.max(axis=1) * ~replay.terminated[i], rtol=1e-5)
+    memory, i = agent._replay.memory, np.arange(agent._replay.size)
+    agent._targets.target_copied(agent._replay.size)
+    agent._targets.refresh(agent._replay)
+    advice = agent._advice
+    assert isinstance(advice, PotentialAdvice)
+    potential = advice.rows(memory.observations[i])
+    assert potential.max() == 0 > potential.min()
+    later = agent._target.rows(memory.next_observations[i]) + advice.rows(memory.next_observations[i])
+    expected = memory.rewards[i] - potential[i, memory.actions[i]] + 0.99 * later.max(axis=1) * ~memory.terminated[i]
+    np.testing.assert_allclose(agent._targets.td[i], expected, rtol=1e-5)
+
+
+def test_delta_rests_once_the_advice_has_ended_and_every_bit_of_q_is_the_same(source: Knowledge) -> None:
+    given: dict[str, Any] = {"origin": {"steps": 160}, "advice_fraction": 0.5}
+    rests, trains = (begin("delta_es", source, delta_after_advice=choice, **given) for choice in ("rest", "train"))
+    rested, trained = list(rests), list(trains)
+    assert rests.knowledge().digest == trains.knowledge().digest
+    assert [p.greedy_return for p in rested] == [p.greedy_return for p in trained]
+    ended = [p.statistics for p in rested if p.statistics["kappa"] == 0.0]
+    assert len(ended) >= 2
+    assert all(statistics["delta_rests"] == 1.0 for statistics in ended)
+    assert len({statistics["delta_p90"] for statistics in ended}) == 1
+    assert rested[0].statistics["delta_rests"] == 0.0
+    assert "delta_rests" not in trained[-1].statistics
+    assert trained[-1].statistics["delta_p90"] != ended[-1]["delta_p90"]
+
+
+def test_a_cell_from_before_delta_could_rest_keeps_its_id_and_what_it_means() -> None:
+    now, then = cell("delta_es"), cell("delta_es", delta_after_advice="train")
+    assert now.to_json()["hyperparameters"]["delta_after_advice"] == "rest"
+    assert "delta_after_advice" not in then.to_json()["hyperparameters"]
+    assert len({now.id, then.id}) == len({now.group, then.group}) == 2
+    assert Cell.from_json(then.to_json()) == then
+    assert Cell.from_json(then.to_json()).hyperparameters["delta_after_advice"] == "train"
+    assert Cell.from_json(now.to_json()) == now
+
+
+def test_the_loss_of_delta_is_that_of_equation_4_whatever_that_of_q_is(source: Knowledge) -> None:
+    network = learner("delta_es", source, loss="huber")._delta
+    assert network is not None
+    x, actions, targets = np.zeros(4 * 8, np.float32), np.zeros(8, np.int64), np.full(8, 100.0, np.float32)
+    error = 100.0 - network.row(np.zeros(4, np.float32))[0]
+    assert network.update(x, actions, targets) == pytest.approx(error**2, rel=1e-4)
+
+
+class Plain(DQN):
+    """Settings of a custom agent that are DQN's."""
+
+
+def test_a_custom_deep_agent_with_a_source_has_the_advice_that_its_settings_name_and_else_none(
+    source: Knowledge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Advised(Plain):
+        advice = PotentialAdvice
+
+    for settings, expected in ((Plain, Advice), (Advised, PotentialAdvice)):
+        agent = replace(registry.AGENTS["es"], hyperparameters=settings)
+        monkeypatch.setitem(registry.AGENTS, "es", agent)
+        found = DeepLearner(cell("es"), source)
+        assert type(found._advice) is expected
+        found.run(6)
+        assert found._advice.kappa == (expected is PotentialAdvice)
 
 
 def test_advice_follows_equation_5(source: Knowledge) -> None:
     agent = learner("delta_es", source)
-    assert agent._advice is not None
-    assert agent._source is not None
+    network = agent._advice.source
+    assert isinstance(agent._advice, DeltaShaping)
+    assert network is not None
     assert agent._delta is not None
     agent._advice.kappa = 0.7
-    for state in agent._replay.observations[:20]:
-        q_src, delta, q = agent._source.row(state).copy(), agent._delta.row(state).copy(), agent._q.row(state).copy()
+    for state in agent._replay.memory.observations[:20]:
+        q_src, delta, q = network.row(state).copy(), agent._delta.row(state).copy(), agent._q.row(state).copy()
         advice = 0.7 * np.exp(-np.abs(delta).max()) * (q_src - q_src.max())
         np.testing.assert_allclose(agent._advice.rows(state[None])[0], advice, rtol=1e-4, atol=1e-6)
         assert agent._advice.best(q, state) == int(np.argmax(q + advice))
@@ -229,9 +285,19 @@ def test_epsilon_counts_episodes_or_steps(source: Knowledge) -> None:
 
 
 @pytest.mark.parametrize("truncation", ["bootstrap", "terminal"])
-def test_truncation_cuts_the_bootstrap_only_where_asked(truncation: str, source: Knowledge) -> None:
-    agent = learner("dqn", source, task="cartpole:limit=5", truncation=truncation)
-    assert agent._replay.terminated[: agent._replay.size].any() == (truncation == "terminal")
+def test_truncation_cuts_the_bootstrap_of_q_only_where_asked_and_never_that_of_delta(
+    truncation: str, source: Knowledge
+) -> None:
+    agent = learner("delta_es", source, task="cartpole:limit=5", truncation=truncation, origin={"steps": 10_000})
+    memory, size = agent._replay.memory, agent._replay.size
+    assert memory.cut[:size].any() == (truncation == "terminal")
+    assert not memory.terminated[:size].any()
+    agent._targets.refresh(agent._replay)
+    network, last = agent._advice.source, np.flatnonzero(np.arange(size) % 5 == 4)
+    assert network is not None
+    v_src = network.rows(memory.next_observations[last]).max(axis=1)
+    q_src = network.rows(memory.observations[last])[np.arange(len(last)), memory.actions[last]]
+    np.testing.assert_allclose(agent._targets.delta[last], memory.rewards[last] + 0.99 * v_src - q_src, atol=1e-5)
 
 
 @pytest.mark.parametrize(

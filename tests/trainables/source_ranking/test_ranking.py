@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from trainables.delta.exact import exact_delta, exact_q, policy_q
-from trainables.delta.noise_floor import delta_samples, episode_of
+from trainables.delta.noise_floor import episode_of
+from trainables.delta.sample import delta_samples
 from trainables.source_ranking.deep import DeepBench
 from trainables.source_ranking.path_value import Follower, Seen, merged, nothing_seen
 from trainables.source_ranking.ranking import Bench, rank
@@ -135,3 +136,11 @@ def test_of_two_networks_the_one_that_balances_the_pole_is_found() -> None:
     ranking = rank(DeepBench("cartpole:gravity=5x", sources, GAMMA, 0), 2, 8)  # type: ignore[list-item]
     assert [each.source for each in ranking.ranked] == [1, 0]
     assert ranking.ranked[0].target.value > ranking.ranked[1].target.value + 30
+
+
+def test_states_seen_only_once_leave_the_value_uncertain() -> None:
+    """With one sample of each pair nothing tells noise from delta."""
+    q, once = np.array([[1.0], [2.0], [3.0]]), np.ones(3)
+    rewards, each = np.array([4.0, 1.0, -2.0]), np.arange(3)
+    seen = Seen(each, np.zeros(3, np.int64), each + 1, once, rewards, rewards**2)
+    assert Follower(q, 0, 0.9).estimate(seen).se > 1.0

@@ -1,0 +1,27 @@
+"""What the report draws of an agent over training, beside its returns: a statistic of its evaluation points each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Plot:
+    """One statistic over training."""
+
+    statistic: str
+    """Its name among the statistics that the learner reports at each evaluation."""
+    title: str
+    axis: str
+    share: bool = False
+    """Whether it lies between 0 and 1."""
+    level: str = ""
+    """A hyperparameter that is drawn as a line across, for the statistic is held against it."""
+
+
+GATE_OPEN = Plot("gate_open_share", "share of steps with the gate open", "share of steps", share=True)
+SOURCE_ACTION = Plot("source_action_share", "share of steps with the source's action", "share of steps", share=True)
+KAPPA = Plot("kappa", "kappa, the weight of advice", "kappa", share=True)
+ADVICE_FACTOR = Plot("advice_factor", "advice factor, kappa exp(−max |delta|)", "advice factor", share=True)
+MAX_DELTA = Plot("max_abs_delta", "max |delta|", "max |delta|", level="threshold")
+DELTA_P90 = Plot("delta_p90", "90 % quantile of max |delta|", "max |delta|")

@@ -1,0 +1,79 @@
+"""The targets that Q and delta learn towards, kept beside the replay buffer, for they change seldom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainables.delta.sample import delta_sample, v_and_q
+from trainables.learners.advice import Advice
+from trainables.learners.replay_buffer import Replay
+from trainables.networks.network import Network
+from trainables.tasks.rollout import Transitions
+
+F32 = NDArray[np.float32]
+
+
+def td_target(reward: F32, gamma: np.float32, v_next: F32) -> F32:
+    """Return r + gamma max_b Q_target(s',b), the target of Q(s,a) in line 10: eq. (1) for a network."""
+    return reward + gamma * v_next
+
+
+def delta_target(reward: F32, gamma: np.float32, v_src_next: F32, q_src: F32) -> F32:
+    """Return r + gamma max_b Q_src(s',b) - Q_src(s,a), the target of delta(s,a) in line 8: eq. (4)."""
+    return delta_sample(reward, gamma, v_src_next, q_src)
+
+
+class TargetCache:
+    """Both targets of every remembered transition, and which of them are stale.
+
+    Between two copies to the target network a TD target does not change, and delta's target never does. Each is
+    computed when a minibatch first needs it, for all transitions that came in meanwhile.
+    """
+
+    def __init__(self, replay: Replay, target: Network, advice: Advice, gamma: float) -> None:
+        self.targets = np.zeros((2, replay.capacity), np.float32)
+        self.td, self.delta = self.targets
+        self.stale = self.stale_delta = 0
+        """How many of the newest transitions have no valid target yet."""
+        self._target, self._advice, self._gamma = target, advice, np.float32(gamma)
+
+    def added(self, size: int) -> None:
+        """Count one more transition among the `size` that are remembered."""
+        self.stale = min(self.stale + 1, size)
+        self.stale_delta = min(self.stale_delta + 1, size)
+
+    def target_copied(self, size: int) -> None:
+        """Take every TD target for stale: the target network is another one."""
+        self.stale = size
+
+    def refresh(self, replay: Replay) -> None:
+        """Compute what is stale."""
+        for part in replay.newest(self.stale):
+            self.td[part] = self._td_targets(replay.transitions(part), replay.memory.cut[part])
+        self.stale = 0
+        if self._advice.delta is not None and not self._advice.delta_rests:
+            for part in replay.newest(self.stale_delta):
+                self.delta[part] = self._delta_targets(replay.transitions(part))
+            self.stale_delta = 0
+
+    def _td_targets(self, seen: Transitions, cut: NDArray[np.bool_]) -> F32:
+        values = self._target.rows(seen.next_observations)
+        reward = self._advice.shape_reward(seen, values)
+        return td_target(reward, self._gamma, np.where(cut, np.float32(0), values.max(axis=1)))
+
+    def _delta_targets(self, seen: Transitions) -> F32:
+        assert self._advice.source is not None
+        return delta_target(seen.rewards, self._gamma, *v_and_q(self._advice.source, seen))
+
+    def state(self) -> dict[str, Any]:
+        """Return everything, for a checkpoint."""
+        return {"targets": self.targets.copy(), "stale": [self.stale, self.stale_delta]}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned."""
+        self.targets[:] = state["targets"]
+        self.stale, self.stale_delta = map(int, state["stale"])
