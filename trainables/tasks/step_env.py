@@ -11,6 +11,8 @@ from gymnasium.spaces import Box, Discrete
 from trainables.errors import InputError
 from trainables.numerics.matmul import F32
 from trainables.tasks.make import make_env
+from trainables.tasks.simulators.registry import simulator_of, start
+from trainables.tasks.simulators.simulator import step
 from trainables.tasks.spec.family import Task
 from trainables.tasks.wrappers.unwrap import unwrap
 
@@ -24,10 +26,13 @@ class _Unchecked(Discrete):
 
 
 class Environment:
-    """One environment. Each episode begins from its own seed, so no state but the caller's outlives an episode."""
+    """One environment. Each episode begins from its own seed, so no state but the caller's outlives an episode.
 
-    def __init__(self, env: gymnasium.Env) -> None:
-        """Raises InputError for actions that are not discrete."""
+    Where the environment has a compiled simulator, that takes its steps: the same bits in a fraction of the time.
+    """
+
+    def __init__(self, env: gymnasium.Env, simulated: bool = True) -> None:
+        """Raises InputError for actions that are not discrete. simulated: whether a simulator may take the steps."""
         if not isinstance(env.action_space, Discrete):
             raise InputError(f"the environment's actions are not discrete ({env.action_space})")
         self.actions = int(env.action_space.n)
@@ -38,17 +43,29 @@ class Environment:
         self._env, self.time_limit = unwrap(env)
         self._env.action_space = _Unchecked(self.actions, start=self._first)
         self._left = self.time_limit
+        self.simulator = simulator_of(self._env, self._first, self.actions) if simulated and self._plain else None
+        """The compiled simulator; None where the environment itself takes the steps."""
+        self.state = np.zeros(0)
+        """(k,): where a simulator is; the environment itself keeps its own."""
+        self._observation = np.zeros(self.inputs, np.float32)
 
     def reset(self, seed: int) -> F32:
         """The first observation (inputs,) of a new episode."""
         self._left = self.time_limit
-        observation, _ = self._env.reset(seed=seed)
+        if self.simulator is not None:
+            observation, self.state = start(self._env, seed)
+        else:
+            observation, _ = self._env.reset(seed=seed)
         return self._vector(observation)
 
     def step(self, action: int) -> tuple[F32, float, bool, bool]:
         """(next observation (inputs,), reward, terminated, truncated); the time limit truncates."""
-        observation, reward, terminated, truncated, _ = self._env.step(action + self._first)
         self._left -= 1
+        if self.simulator is not None:
+            kind, parameters, controls = self.simulator.physics
+            gain, end = step(kind, parameters, controls[action], self.state, self._observation)
+            return self._observation.copy(), gain, end, self._left <= 0
+        observation, reward, terminated, truncated, _ = self._env.step(action + self._first)
         return self._vector(observation), float(reward), bool(terminated), bool(truncated) or self._left <= 0
 
     def _vector(self, observation: Any) -> F32:

@@ -55,12 +55,12 @@ class Discretised(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: gymnasium.Env[Any, Any], levels: float) -> None:
         super().__init__(env)
-        self._table = action_table(env.action_space, levels)
-        self.action_space = Discrete(len(self._table))
+        self.table = action_table(env.action_space, levels)
+        self.action_space = Discrete(len(self.table))
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """One step with the action that `action` stands for."""
-        return self.env.step(self._table[action].copy())
+        return self.env.step(self.table[action].copy())
 
 
 def discretise(env: gymnasium.Env[Any, Any], levels: float) -> gymnasium.Env[Any, Any]:
