@@ -26,10 +26,8 @@ def _entry(group: Group | None) -> str:
     if group is None or group.auc is None or group.auc.low is None:
         return "-"
     text = f"{group.auc.value:.1f} [{group.auc.low:.1f}, {group.auc.high:.1f}]"
-    gap = group.against_base.difference if group.against_base else None
-    if gap is None or gap.low is None or gap.high is None or gap.low <= 0 <= gap.high:
-        return text
-    return f"**{text}**" if gap.low > 0 else f"*{text}*"
+    mark = {"helped": "**", "hurt": "*"}.get(group.verdict or "", "")
+    return f"{mark}{text}{mark}"
 
 
 def tables(shown: Sequence[Group]) -> str:

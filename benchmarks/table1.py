@@ -7,9 +7,9 @@ from pathlib import Path
 
 from orchestrator.analysis.groups import Group, groups
 from orchestrator.analysis.labels import settings_text, varied
+from orchestrator.analysis.metrics import DIFFERENCE, TRANSFER_RATIO
 from orchestrator.analysis.paper_table1 import table_1
 from orchestrator.analysis.selection import select
-from orchestrator.analysis.summary_table import estimate_text, ratio_text
 from orchestrator.results.sweep_folder import Results
 
 
@@ -22,13 +22,13 @@ def named(group: Group) -> dict[str, object]:
 def row(group: Group) -> str:
     """A group's line of the table."""
     paper = str(table_1(group) or "-")
-    against = group.against_base
     own = settings_text({"learning_rate": group.hyperparameters["learning_rate"]} | named(group))
     mean = (
-        f"{group.auc.value:.2f} ({group.auc_sd:.2f}) [{group.auc.low:.1f}, {group.auc.high:.1f}]" if group.auc else "-"
+        f"{group.auc.value:.2f} ({group.auc.sd:.2f}) [{group.auc.low:.1f}, {group.auc.high:.1f}]" if group.auc else "-"
     )
-    ratio, gap = (ratio_text(against.transfer_ratio), estimate_text(against.difference)) if against else ("-", "-")
-    better = f"{against.probability_of_improvement.value:.2f}" if against else "-"
+    ratio, gap = (metric.text(group.estimates.get(metric.key)) for metric in (TRANSFER_RATIO, DIFFERENCE))
+    chance = group.estimate("probability_of_improvement")
+    better = f"{chance.value:.2f}" if chance else "-"
     source = "" if group.source == "none" else f" ({group.source})"
     cells = (group.task, group.agent + source, own, str(len(group.seeds)), mean, ratio, gap, better, paper)
     return "|" + "|".join(cells) + "|"

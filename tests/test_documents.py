@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import typer.main
 
-from deltatune.cli.app import app
+from deltatune.cli.main import app
 from search_spaces.loading import built_in
 
 ROOT = Path(__file__).parent.parent

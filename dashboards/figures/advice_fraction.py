@@ -41,7 +41,7 @@ def _panel(target: str, source: str, advised: Sequence[Group], best: Sequence[Gr
     for agent in agents:
         chosen = [_best_at([group for group in advised if group.agent == agent], share) for share in shares]
         means = tuple(group.auc.value if group and group.auc else None for group in chosen)
-        sds = tuple((group.auc_sd or 0.0) if group else 0.0 for group in chosen)
+        sds = tuple((group.auc.sd or 0.0) if group and group.auc else 0.0 for group in chosen)
         low = tuple(None if mean is None else mean - sd for mean, sd in zip(means, sds, strict=True))
         high = tuple(None if mean is None else mean + sd for mean, sd in zip(means, sds, strict=True))
         series.append(Series(agent, agent, tuple(map(float, range(len(shares)))), means, (low, high), form="bars"))

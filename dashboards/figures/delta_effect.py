@@ -58,7 +58,7 @@ def pairs(findings: Findings) -> list[Pair]:
         deep = done.groupby("group")[DEEP].mean().to_dict()
     found = []
     for group in in_order(findings.best):
-        delta = group.max_abs_delta.value if group.max_abs_delta else deep.get(group.id)
+        delta = learned.value if (learned := group.estimate("max_abs_delta")) else deep.get(group.id)
         ratio = group.against_base.transfer_ratio if group.against_base else None
         if delta is not None and ratio is not None and ratio.value is not None:
             low, high = (ratio.value if end is None else end for end in (ratio.low, ratio.high))

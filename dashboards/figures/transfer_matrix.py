@@ -8,7 +8,7 @@ from dashboards.figure_model import Absent, Matrix
 from dashboards.labels import SOURCES, in_order, minus, targets
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.labels import signed
+from orchestrator.analysis.metrics import signed
 from orchestrator.planning.arms import Key
 
 NAME, TITLE = "matrix", "Transfer effect, source by target"

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from dashboards.labels import SOURCES, count, label, listed, minus
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.summary_table import estimate_text, ratio_text
+from orchestrator.analysis.metrics import DIFFERENCE, TRANSFER_RATIO
 from search_spaces.search_space import SearchSpace
 
 STATUSES = ("done", "failed", "missing", "stopped")
@@ -77,6 +77,6 @@ def _sentence(group: Group, hide: Collection[str]) -> str:
     if group.against_base is None:
         return minus(text) + "; no transfer did better"
     gap, ratio = group.against_base.difference, group.against_base.transfer_ratio
-    text += f", {estimate_text(gap)}"
-    text += "" if ratio.value is None else f" ({ratio_text(ratio)})"
+    text += f", {DIFFERENCE.text(gap)}"
+    text += "" if ratio.value is None else f" ({TRANSFER_RATIO.text(ratio)})"
     return minus(text) + " against no transfer"

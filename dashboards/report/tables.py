@@ -13,9 +13,10 @@ import pandas as pd
 from dashboards.labels import in_order, minus, settings
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
+from orchestrator.analysis.metrics import TRANSFER_RATIO, Metric
+from orchestrator.analysis.metrics import shown as shown_metrics
 from orchestrator.analysis.paper_table1 import same_row
-from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
-from orchestrator.analysis.summary_table import estimate_text, ratio_text
+from orchestrator.analysis.summary_table import numbers
 
 FAILURES = 300
 """Most cells that are listed one by one; the CSV has them all."""
@@ -60,39 +61,30 @@ def table_1(findings: Findings, groups: Sequence[Group], name: str, caption: str
     shown = sorted(in_order(groups), key=lambda group: place[group.task])
     paper = any(same_row(group) for group in shown)
     columns = [("task", False), ("agent", False), ("source", False), ("settings", False), ("seeds", True)]
-    columns += [("AUC mean (sd)", True), (f"transfer ratio [{LEVEL:.0%}]", True), (f"difference [{LEVEL:.0%}]", True)]
-    columns += [(f"P(improvement) [{LEVEL:.0%}]", True), *([("the paper's", True)] if paper else [])]
+    columns += [(metric.heading, True) for metric in shown_metrics("report")]
+    columns += [("the paper's", True)] if paper else []
     rows = tuple(_row(group, findings.common) + ((_paper(group),) if paper else ()) for group in shown)
     return Table(name, caption, tuple(columns), rows, text_csv(_records(shown)), folded)
 
 
 def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
-    against = group.against_base
     short = group.failed + group.missing + group.stopped
     seeds = f"{len(group.seeds)} of {len(group.seeds) + short}" if short else f"{len(group.seeds)}"
-    auc = "–" if group.auc is None else f"{group.auc.value:.2f} ({group.auc_sd:.2f})"
-    ratio, gap = (against.transfer_ratio, against.difference) if against else (None, None)
     return (
         Datum(group.task, group.task),
         Datum(group.agent, group.agent, agent=group.agent),
         Datum("–" if group.source_label == "none" else group.source_label, group.source),
         Datum(settings(group, hide) or "–", settings(group, hide)),
         Datum(seeds, len(group.seeds)),
-        Datum(minus(auc), group.auc.value if group.auc else None),
-        Datum(minus(ratio_text(ratio)) if ratio else "–", ratio.value if ratio else None, mark=group.verdict or ""),
-        Datum(minus(estimate_text(gap)) if gap else "–", gap.value if gap else None),
-        Datum(_share(against.probability_of_improvement) if against else "–", _chance(group)),
+        *(_datum(metric, group) for metric in shown_metrics("report")),
     )
 
 
-def _chance(group: Group) -> float | None:
-    return group.against_base.probability_of_improvement.value if group.against_base else None
-
-
-def _share(estimate: Estimate) -> str:
-    """'0.98 [0.90, 1.00]'."""
-    ends = "" if estimate.low is None or estimate.high is None else f" [{estimate.low:.2f}, {estimate.high:.2f}]"
-    return f"{estimate.value:.2f}{ends}"
+def _datum(metric: Metric, group: Group) -> Datum:
+    """One metric of a group; the transfer ratio has the mark of its verdict."""
+    estimate = group.estimates.get(metric.key)
+    mark = (group.verdict or "") if metric is TRANSFER_RATIO else ""
+    return Datum(minus(metric.text(estimate, missing="–")), estimate.value if estimate else None, mark=mark)
 
 
 def _paper(group: Group) -> Datum:
@@ -105,23 +97,10 @@ def _records(groups: Iterable[Group]) -> list[dict[str, Any]]:
 
 
 def _record(group: Group) -> dict[str, Any]:
-    """A group's line of the CSV: every number by itself and in full."""
-    against, paper = group.against_base, same_row(group)
-    record: dict[str, Any] = {"task": group.task, "agent": group.agent, "source": group.source}
-    record |= {"source_task": group.source_task, "pick": group.pick or None}
-    record |= {"settings": settings(group), "seeds_done": len(group.seeds), "seeds_failed": group.failed}
-    record |= {"seeds_missing": group.missing, "seeds_stopped": group.stopped}
-    record |= _ends("auc", group.auc) | {"auc_sd": group.auc_sd}
-    record |= _ends("transfer_ratio", against.transfer_ratio if against else None)
-    record |= _ends("difference", against.difference if against else None)
-    record |= _ends("probability_of_improvement", against.probability_of_improvement if against else None)
-    record |= {"paper_auc": paper.auc if paper else None, "paper_sd": paper.sd if paper else None}
+    """A group's line of the CSV: every number by itself and in full, and the paper's where it has them."""
+    paper = same_row(group)
+    record = numbers(group) | {"paper_auc": paper.auc if paper else None, "paper_sd": paper.sd if paper else None}
     return record | {"paper_transfer_ratio_percent": paper.transfer_ratio if paper else None}
-
-
-def _ends(name: str, estimate: Estimate | TransferRatio | None) -> dict[str, float | None]:
-    ends = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
-    return dict(zip((name, f"{name}_low", f"{name}_high"), ends, strict=True))
 
 
 def text_csv(records: Sequence[dict[str, Any]]) -> str:

@@ -50,15 +50,18 @@ def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | 
     tried: group id to the number of configurations that it is the best of.
     """
     from orchestrator.analysis.labels import settings_text, shared
+    from orchestrator.analysis.metrics import shown
     from orchestrator.analysis.summary_table import COLUMNS, row
 
     lines: list[tuple[str | Text, ...]] = []
     last, common = "", shared(groups)
+    compared = [COLUMNS.index(metric.heading) for metric in shown("summary") if metric.compared]
     for group in sorted(groups, key=lambda group: group.task):
         cells: list[str | Text] = list(row(group, common))
         of = (tried or {}).get(group.id, 1)
         cells[3] += f" (best of {of})" if of > 1 else ""
-        cells[-2:] = [Text(str(cell), style=COLOURS.get(group.verdict or "", "")) for cell in cells[-2:]]
+        for column in compared:
+            cells[column] = Text(str(cells[column]), style=COLOURS.get(group.verdict or "", ""))
         lines.append(("" if group.task == last else cells[0], *cells[1:]))
         last = group.task
     return table(COLUMNS, lines, title + (f"; all with {settings_text(common)}" if common else ""))

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from orchestrator.analysis import statistics
+from orchestrator.analysis.metrics import DIFFERENCE, METRICS, TRANSFER_RATIO, Seeds
 from orchestrator.analysis.statistics import Estimate, TransferRatio
 from orchestrator.planning.arms import Key
 from trainables.agents.registry import agent_named
@@ -29,11 +29,6 @@ class Comparison:
     transfer_ratio: TransferRatio
     difference: Estimate
     """A_t - A_w."""
-    probability_of_improvement: Estimate
-    jumpstart: Estimate
-    """Difference of the first evaluations."""
-    asymptotic: Estimate
-    """Difference of the asymptotic performances."""
 
     @property
     def verdict(self) -> Verdict:
@@ -62,14 +57,8 @@ class Group:
     stopped: int
     """Cells that a scheduler has ended early; their AUC is of a shorter curve and compared with nothing."""
     missing: int
-    auc: Estimate | None
-    """Mean over seeds; None where no cell is done."""
-    auc_sd: float | None
-    auc_iqm: Estimate | None
-    training_auc: Estimate | None
-    asymptotic: Estimate | None
-    max_abs_delta: Estimate | None
-    """max |delta| at the end, as the agent estimated it."""
+    estimates: Mapping[str, Estimate | TransferRatio]
+    """Metric.key to its estimate over seeds; those that the configuration has no data for are left out."""
     against_base: Comparison | None
     """None for an agent without transfer, and where the one without transfer is not in the sweep."""
     pick: str = ""
@@ -81,6 +70,16 @@ class Group:
     def key(self) -> Key:
         """The arm that it is a configuration of."""
         return Key(self.task, self.agent, self.source_task or "", self.source, self.pick)
+
+    @property
+    def auc(self) -> Estimate | None:
+        """Mean over seeds, with its sd; None where no cell is done."""
+        return self.estimate("auc")
+
+    def estimate(self, key: str) -> Estimate | None:
+        """Return the estimate of a metric, or None."""
+        found = self.estimates.get(key)
+        return found if isinstance(found, Estimate) else None
 
     @property
     def verdict(self) -> Verdict | None:
@@ -128,6 +127,9 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
     done = frame[frame["status"] == "done"]
     base = agent_named(str(first["agent"])).base
     without = bases.get(_base_key(first, base)) if base else None
+    paired = _paired(done, without)
+    found = {metric.key: metric.compute(Seeds(done, paired)) for metric in METRICS}
+    estimates = {name: estimate for name, estimate in found.items() if estimate is not None}
     return Group(
         id=key,
         stage=str(first["stage"]),
@@ -140,13 +142,8 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         failed=int((frame["status"] == "failed").sum()),
         stopped=int((frame["status"] == "stopped").sum()),
         missing=int((frame["status"] == "missing").sum()),
-        auc=_mean(done, "auc"),
-        auc_sd=statistics.sd(list(done["auc"])) if len(done) else None,
-        auc_iqm=statistics.iqm(list(done["auc"])) if len(done) else None,
-        training_auc=_mean(done, "training_auc"),
-        asymptotic=_mean(done, "asymptotic"),
-        max_abs_delta=_mean(done, "final_max_abs_delta"),
-        against_base=_compare(done, without) if without is not None else None,
+        estimates=estimates,
+        against_base=_comparison(estimates, paired),
         pick=_text(first, "pick"),
     )
 
@@ -157,26 +154,16 @@ def _text(row: pd.Series, column: str) -> str:
     return value if isinstance(value, str) else ""
 
 
-def _mean(done: pd.DataFrame, column: str) -> Estimate | None:
-    if not len(done) or column not in done or done[column].isna().any():
+def _paired(done: pd.DataFrame, without: pd.DataFrame | None) -> pd.DataFrame | None:
+    """Return the done cells beside those of the agent without transfer at the same seeds; None where there are none."""
+    if without is None:
         return None
-    return statistics.mean(list(done[column]))
-
-
-def _compare(done: pd.DataFrame, without: pd.DataFrame) -> Comparison | None:
     both = done.merge(without[without["status"] == "done"], on="seed", suffixes=("", "_base")).sort_values("seed")
-    if both.empty:
+    return None if both.empty else both
+
+
+def _comparison(estimates: Mapping[str, Estimate | TransferRatio], paired: pd.DataFrame | None) -> Comparison | None:
+    ratio, difference = estimates.get(TRANSFER_RATIO.key), estimates.get(DIFFERENCE.key)
+    if paired is None or not isinstance(ratio, TransferRatio) or not isinstance(difference, Estimate):
         return None
-
-    def paired(column: str) -> Estimate:
-        return statistics.difference(list(both[column]), list(both[f"{column}_base"]))
-
-    a_t, a_w = list(both["auc"]), list(both["auc_base"])
-    return Comparison(
-        seeds=len(both),
-        transfer_ratio=statistics.transfer_ratio(a_t, a_w),
-        difference=paired("auc"),
-        probability_of_improvement=statistics.probability_of_improvement(a_t, a_w),
-        jumpstart=paired("initial_return"),
-        asymptotic=paired("asymptotic"),
-    )
+    return Comparison(len(paired), ratio, difference)

@@ -1,4 +1,4 @@
-"""Results in words: the names of runs, and the table that a person reads."""
+"""Results in words: the names of runs and configurations."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.plugins.names import short
 from trainables.tasks.registry import parse_task
-
-NOTHING = 1e-9
-"""A difference up to this is shown as 0."""
 
 
 def varied(agent: str, task: str, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -60,10 +57,3 @@ def shared(groups: Sequence[Group]) -> dict[str, Any]:
     if len(every) < 2:
         return {}
     return {name: value for name, value in every[0].items() if all(other.get(name) == value for other in every)}
-
-
-def signed(value: float, digits: int = 0) -> str:
-    """Return a number with its sign; one that rounds to 0 gets one digit more, so that -0.4 does not read as 0."""
-    if round(value, digits) == 0 and abs(value) > NOTHING:
-        digits += 1
-    return f"{value if abs(value) > NOTHING else 0.0:+.{digits}f}"

@@ -85,7 +85,7 @@ def table(cells: pd.DataFrame) -> pd.DataFrame:
 def _row(group: Group, found: Measures, reuse: Group | None) -> dict[str, object]:
     """With what direct reuse of the sweep's own sources showed: the delta that it learned, and its gain."""
     seen = {
-        "learned_max_delta": reuse.max_abs_delta.value if reuse and reuse.max_abs_delta else None,
+        "learned_max_delta": learned.value if reuse and (learned := reuse.estimate("max_abs_delta")) else None,
         "reuse_gain": reuse.auc.value if reuse and reuse.auc else None,
     }
     assert group.against_base is not None

@@ -34,6 +34,8 @@ class Estimate:
     value: float
     low: float | None
     high: float | None
+    sd: float | None = None
+    """Standard deviation over seeds, where it is shown beside the number."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.metrics import shown
 from orchestrator.analysis.selection import RULE, Selected
 from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
 from orchestrator.planning.arms import Key, Params
@@ -83,7 +84,6 @@ def _incomplete(key: Key) -> list[str]:
 
 def _entry(selected: Selected) -> dict[str, Any]:
     group = selected.best
-    comparison = group.against_base
     return {
         "task": group.task,
         "agent": group.agent,
@@ -91,9 +91,7 @@ def _entry(selected: Selected) -> dict[str, Any]:
         "source_task": group.source_task,
         "pick": group.pick or None,
         "hyperparameters": dict(group.hyperparameters),
-        "auc": {**_estimate(group.auc), "sd": group.auc_sd},
-        "transfer_ratio": _estimate(comparison.transfer_ratio) if comparison else None,
-        "difference": _estimate(comparison.difference) if comparison else None,
+        **{metric.key: _estimate(group.estimates.get(metric.key)) for metric in shown("best")},
         "seeds": list(group.seeds),
         "configurations": selected.tried,
         "configurations_left_out": selected.left_out,
@@ -101,5 +99,5 @@ def _entry(selected: Selected) -> dict[str, Any]:
     }
 
 
-def _estimate(estimate: Estimate | TransferRatio | None) -> dict[str, Any]:
-    return {} if estimate is None else {key: value for key, value in asdict(estimate).items() if value is not None}
+def _estimate(estimate: Estimate | TransferRatio | None) -> dict[str, Any] | None:
+    return None if estimate is None else {key: value for key, value in asdict(estimate).items() if value is not None}

@@ -6,7 +6,8 @@ import re
 
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.labels import settings_text, signed, varied
+from orchestrator.analysis.labels import settings_text, varied
+from orchestrator.analysis.metrics import shown, signed
 from orchestrator.analysis.paper_table1 import same_row
 from orchestrator.analysis.statistics import LEVEL
 
@@ -32,15 +33,8 @@ def table_1(findings: Findings) -> str:
     """The best configuration of each agent on each task; the paper's own numbers in a last column where it has any."""
     best = findings.best
     paper = any(same_row(group) for group in best)
-    head = [
-        "Agent",
-        "Seeds",
-        "AUC",
-        r"$tr$ (\%)",
-        "Difference",
-        r"$P(\mathrm{improvement})$",
-        *(["Paper"] if paper else []),
-    ]
+    titles = [metric.latex or escape(metric.label[:1].upper() + metric.label[1:]) for metric in shown("report")]
+    head = ["Agent", "Seeds", *titles, *(["Paper"] if paper else [])]
     lines = [rf"% {escape(findings.results.name)}: needs \usepackage{{booktabs}}", r"\begin{table}", r"\centering"]
     level = rf"{LEVEL * 100:.0f}\,\%"
     caption = f"{escape(findings.results.name)}: AUC, mean (sd) over seeds, and transfer with {level} intervals."
@@ -59,25 +53,10 @@ def _row(group: Group, paper: bool) -> list[str]:
         + ("" if group.source_label == "none" else f", {group.source_label}")
         + ("" if own == "-" else f" ({own})")
     )
-    auc = f"{_number(group.auc.value, 2)} ({group.auc_sd:.2f})" if group.auc else "--"
-    cells = [r"\quad " + escape(name), str(len(group.seeds)), auc, *_transfer(group)]
+    cells = [r"\quad " + escape(name), str(len(group.seeds))]
+    cells += [metric.write(group.estimates.get(metric.key), _number, missing="--") for metric in shown("report")]
     row = same_row(group)
     return cells + ([f"{_number(row.auc, 2)} ({row.sd:g})" if row else "--"] if paper else [])
-
-
-def _transfer(group: Group) -> list[str]:
-    """Transfer ratio, difference and probability of improvement."""
-    against = group.against_base
-    if against is None:
-        return ["--"] * 3
-    ratio, gap, chance = against.transfer_ratio, against.difference, against.probability_of_improvement
-    shown = "undefined" if ratio.value is None else _interval(ratio.value, ratio.low, ratio.high, 0, 100)
-    return [shown, _interval(gap.value, gap.low, gap.high, 1), _interval(chance.value, chance.low, chance.high, 2)]
-
-
-def _interval(value: float, low: float | None, high: float | None, digits: int, scale: float = 1) -> str:
-    ends = "" if low is None or high is None else f" [{_number(scale * low, digits)}, {_number(scale * high, digits)}]"
-    return _number(scale * value, digits) + ends
 
 
 def _number(value: float, digits: int) -> str:

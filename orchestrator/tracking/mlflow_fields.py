@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.statistics import Estimate
+from orchestrator.analysis.metrics import METRICS
 from orchestrator.results.record import Head
 
 CELL_METRICS = (
@@ -47,27 +47,9 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     tags = {"agent": group.agent, "task": group.task, "source": group.source, "stage": group.stage}
     tags |= {"source_task": group.source_task} if group.source_task else {}
     tags |= {"pick": group.pick} if group.pick else {}
-    estimates: dict[str, Estimate | Any | None] = {
-        "auc": group.auc,
-        "auc_iqm": group.auc_iqm,
-        "training_auc": group.training_auc,
-        "asymptotic": group.asymptotic,
-        "max_abs_delta": group.max_abs_delta,
-    }
-    if group.auc_sd is not None:
-        metrics["auc_sd"] = group.auc_sd
-    if group.against_base is not None:
-        against = group.against_base
-        estimates |= {
-            "transfer_ratio": against.transfer_ratio,
-            "difference": against.difference,
-            "probability_of_improvement": against.probability_of_improvement,
-            "jumpstart": against.jumpstart,
-            "asymptotic_difference": against.asymptotic,
-        }
-        if against.transfer_ratio.undefined:
-            tags["transfer_ratio"] = f"undefined: {against.transfer_ratio.undefined}"
-    for name, estimate in estimates.items():
-        ends = () if estimate is None else (("", estimate.value), ("_low", estimate.low), ("_high", estimate.high))
-        metrics |= {name + suffix: value for suffix, value in ends if value is not None}
+    for metric in METRICS:
+        found = metric.numbers(group.estimates.get(metric.key))
+        metrics |= {name: value for name, value in found.items() if value is not None}
+    if group.against_base is not None and group.against_base.transfer_ratio.undefined:
+        tags["transfer_ratio"] = f"undefined: {group.against_base.transfer_ratio.undefined}"
     return metrics, tags

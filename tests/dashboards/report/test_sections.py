@@ -84,7 +84,7 @@ def test_the_numbers_of_table_1_are_those_of_the_groups(small: Findings, tmp_pat
     text = re.sub(r"\s+", " ", " ".join(written(small, tmp_path).text))
     for group in small.best:
         assert group.auc is not None
-        assert f"{group.auc.value:.2f} ({group.auc_sd:.2f})".replace("-", "−") in text
+        assert f"{group.auc.value:.2f} ({group.auc.sd:.2f})".replace("-", "−") in text
 
 
 def test_the_file_needs_nothing_outside_itself(small: Findings, tmp_path: Path) -> None:

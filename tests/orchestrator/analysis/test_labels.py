@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.analysis.labels import cell_name, settings_text
+from orchestrator.analysis.metrics import DIFFERENCE, TRANSFER_RATIO
 from orchestrator.analysis.statistics import Estimate, TransferRatio
-from orchestrator.analysis.summary_table import estimate_text, ratio_text
 from trainables.cell import Cell
 
 
@@ -23,18 +23,18 @@ from trainables.cell import Cell
     ],
 )
 def test_a_ratio_in_words(ratio: TransferRatio, text: str) -> None:
-    assert ratio_text(ratio) == text
+    assert TRANSFER_RATIO.text(ratio) == text
 
 
 def test_a_difference_keeps_its_sign_unless_it_is_nothing() -> None:
-    assert estimate_text(Estimate(-0.01, -0.02, 0.01)) == "-0.01 [-0.02, +0.01]"
-    assert estimate_text(Estimate(-1e-12, -2e-12, 0.0)) == "+0.0 [+0.0, +0.0]"
-    assert estimate_text(Estimate(-3.46, None, None)) == "-3.5"
+    assert DIFFERENCE.text(Estimate(-0.01, -0.02, 0.01)) == "-0.01 [-0.02, +0.01]"
+    assert DIFFERENCE.text(Estimate(-1e-12, -2e-12, 0.0)) == "+0.0 [+0.0, +0.0]"
+    assert DIFFERENCE.text(Estimate(-3.46, None, None)) == "-3.5"
 
 
 @given(st.floats(-1e6, 1e6))
 def test_a_number_in_words_is_the_number_rounded(value: float) -> None:
-    shown = float(estimate_text(Estimate(value, None, None)))
+    shown = float(DIFFERENCE.text(Estimate(value, None, None)))
     assert shown == round(value, 1 if round(value, 1) else 2)
 
 

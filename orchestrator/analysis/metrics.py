@@ -1,0 +1,204 @@
+"""The statistics of a configuration over its seeds, as data: what each one computes, how it reads, where it is shown.
+
+Every view goes over METRICS: the summary table, the report, LaTeX, best.yaml, MLflow and the tables of numbers. A new
+statistic is one more entry here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import pandas as pd
+
+from orchestrator.analysis import statistics
+from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
+
+NOTHING = 1e-9
+"""A difference up to this is shown as 0."""
+
+View = Literal["summary", "report", "best"]
+"""summary: the tables for people; report: Table 1, in the report and as LaTeX; best: best.yaml.
+
+MLflow and the tables of numbers have every metric.
+"""
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """The finished cells of a configuration, and those of the agent without transfer at the same seeds."""
+
+    done: pd.DataFrame
+    paired: pd.DataFrame | None = None
+    """Its columns twice, with the ending `_base` for the agent without transfer; None where there is no such cell."""
+
+    def values(self, column: str) -> list[float] | None:
+        """Return a column, a number per seed, or None where a cell lacks it."""
+        if not len(self.done) or column not in self.done or self.done[column].isna().any():
+            return None
+        return [float(value) for value in self.done[column]]
+
+    def pairs(self, column: str) -> tuple[list[float], list[float]] | None:
+        """Return a column with transfer and without it, paired by seed, or None where there is nothing to compare."""
+        if self.paired is None:
+            return None
+        return list(self.paired[column]), list(self.paired[f"{column}_base"])
+
+
+Compute = Callable[[Seeds], Estimate | TransferRatio | None]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One statistic over seeds."""
+
+    key: str
+    """Its name in MLflow, best.yaml and the tables of numbers."""
+    label: str
+    compute: Compute
+    shown: tuple[View, ...] = ()
+    digits: int = 2
+    percent: bool = False
+    signed: bool = False
+    """With a plus: a difference."""
+    with_sd: bool = False
+    """Its standard deviation over seeds is shown in place of its interval."""
+    compared: bool = False
+    """It is of the comparison with the agent without transfer."""
+    latex: str = ""
+    """Its label in LaTeX; default: `label`."""
+
+    @property
+    def heading(self) -> str:
+        """Its label with what stands in brackets behind the number."""
+        return f"{self.label} mean (sd)" if self.with_sd else f"{self.label} [{LEVEL:.0%}]"
+
+    def numbers(self, estimate: Estimate | TransferRatio | None) -> dict[str, float | None]:
+        """Return an estimate as numbers under the names KEY, KEY_low, KEY_high, and KEY_sd where that is shown."""
+        ends = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
+        found = dict(zip((self.key, f"{self.key}_low", f"{self.key}_high"), ends, strict=True))
+        if self.with_sd:
+            found[f"{self.key}_sd"] = estimate.sd if isinstance(estimate, Estimate) else None
+        return found
+
+    def text(self, estimate: Estimate | TransferRatio | None, missing: str = "-") -> str:
+        """Return '-71.10 (1.64)', '+12% [+3, +21]', 'undefined', or `missing` for None."""
+        return self.write(estimate, self._number, missing, "%" if self.percent else "")
+
+    def write(
+        self,
+        estimate: Estimate | TransferRatio | None,
+        number: Callable[[float, int], str],
+        missing: str = "-",
+        unit: str = "",
+    ) -> str:
+        """Return an estimate as text, each number of it as `number` writes it."""
+        if estimate is None:
+            return missing
+        if estimate.value is None:
+            return "undefined"
+        scale = 100 if self.percent else 1
+        text = number(scale * estimate.value, self.digits) + unit
+        if isinstance(estimate, Estimate) and estimate.sd is not None:
+            return f"{text} ({estimate.sd:.{self.digits}f})"
+        if estimate.low is None or estimate.high is None:
+            return text
+        return f"{text} [{', '.join(number(scale * end, self.digits) for end in (estimate.low, estimate.high))}]"
+
+    def _number(self, value: float, digits: int) -> str:
+        return signed(value, digits) if self.signed else f"{value:.{digits}f}"
+
+
+def signed(value: float, digits: int = 0) -> str:
+    """Return a number with its sign; one that rounds to 0 gets one digit more, so that -0.4 does not read as 0."""
+    if round(value, digits) == 0 and abs(value) > NOTHING:
+        digits += 1
+    return f"{value if abs(value) > NOTHING else 0.0:+.{digits}f}"
+
+
+def _mean(column: str) -> Compute:
+    """Return the mean of a column of the cells table."""
+
+    def compute(seeds: Seeds) -> Estimate | None:
+        values = seeds.values(column)
+        return statistics.mean(values) if values else None
+
+    return compute
+
+
+def _difference(column: str) -> Compute:
+    """Return the paired difference of a column from the agent without transfer."""
+
+    def compute(seeds: Seeds) -> Estimate | None:
+        pairs = seeds.pairs(column)
+        return statistics.difference(*pairs) if pairs else None
+
+    return compute
+
+
+def _auc(seeds: Seeds) -> Estimate | None:
+    values = seeds.values("auc")
+    return replace(statistics.mean(values), sd=statistics.sd(values)) if values else None
+
+
+def _iqm(seeds: Seeds) -> Estimate | None:
+    values = seeds.values("auc")
+    return statistics.iqm(values) if values else None
+
+
+def _transfer_ratio(seeds: Seeds) -> TransferRatio | None:
+    pairs = seeds.pairs("auc")
+    return statistics.transfer_ratio(*pairs) if pairs else None
+
+
+def _improvement(seeds: Seeds) -> Estimate | None:
+    pairs = seeds.pairs("auc")
+    return statistics.probability_of_improvement(*pairs) if pairs else None
+
+
+TRANSFER_RATIO = Metric(
+    "transfer_ratio",
+    "transfer ratio",
+    _transfer_ratio,
+    ("summary", "report", "best"),
+    digits=0,
+    percent=True,
+    signed=True,
+    compared=True,
+    latex=r"$tr$ (\%)",
+)
+DIFFERENCE = Metric(
+    "difference", "difference", _difference("auc"), ("summary", "report", "best"), digits=1, signed=True, compared=True
+)
+
+METRICS: tuple[Metric, ...] = (
+    Metric("auc", "AUC", _auc, ("summary", "report", "best"), with_sd=True),
+    Metric("auc_iqm", "interquartile mean of the AUC", _iqm),
+    Metric("training_auc", "AUC of the training returns", _mean("training_auc")),
+    Metric("asymptotic", "asymptotic performance", _mean("asymptotic")),
+    Metric("max_abs_delta", "max |delta| at the end of training", _mean("final_max_abs_delta")),
+    TRANSFER_RATIO,
+    DIFFERENCE,
+    Metric(
+        "probability_of_improvement",
+        "P(improvement)",
+        _improvement,
+        ("report",),
+        compared=True,
+        latex=r"$P(\mathrm{improvement})$",
+    ),
+    Metric("jumpstart", "jumpstart", _difference("initial_return"), signed=True, compared=True),
+    Metric(
+        "asymptotic_difference",
+        "difference in asymptotic performance",
+        _difference("asymptotic"),
+        signed=True,
+        compared=True,
+    ),
+)
+
+
+def shown(view: View) -> tuple[Metric, ...]:
+    """Return the metrics of a view, in its order."""
+    return tuple(metric for metric in METRICS if view in metric.shown)
