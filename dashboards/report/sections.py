@@ -123,10 +123,10 @@ def _hyperparameters(findings: Findings, of: dict[str, Figure]) -> tuple[Table |
 
 
 def _cells(findings: Findings) -> tuple[Table | Figure, ...]:
-    table = unfinished(findings.cells)
+    table = unfinished(findings.each_cell)
     if table is not None:
         return (table,)
-    planned = len(findings.cells)
+    planned = len(findings.each_cell)
     reason = f"None: all {planned} cells are done." if planned else "The sweep has no cells yet."
     return (Absent("unfinished", "Failed and missing cells", reason),)
 

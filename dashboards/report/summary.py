@@ -34,8 +34,9 @@ def stamp(findings: Findings) -> list[tuple[str, str]]:
     meta, space = findings.results.meta(), findings.results.space()
     commit, dirty = str(meta["commit"]).removesuffix(CHANGES), str(meta["commit"]).endswith(CHANGES)
     created = datetime.fromtimestamp(meta["created"], UTC).strftime("%Y-%m-%d %H:%M UTC")
-    counts = Counter(findings.cells["status"]) if len(findings.cells) else Counter()
-    hours = float(findings.cells["seconds"].sum()) / 3600 if "seconds" in findings.cells else 0.0
+    cells = findings.each_cell
+    counts = Counter(cells["status"]) if len(cells) else Counter()
+    hours = float(cells["seconds"].sum()) / 3600 if "seconds" in cells else 0.0
     shown = [name for name in STATUSES if name != "stopped" or counts[name]]
     return [
         ("sweep", findings.results.name),

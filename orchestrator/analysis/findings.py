@@ -22,11 +22,16 @@ class Findings:
 
     results: Results
     cells: pd.DataFrame
-    """One row per planned cell."""
+    """One row per planned cell, and per arm for a cell of several."""
     points: pd.DataFrame
     """One row per cell and evaluation point."""
     groups: list[Group]
     selected: dict[Key, Selected]
+
+    @cached_property
+    def each_cell(self) -> pd.DataFrame:
+        """One row per planned cell."""
+        return self.cells.drop_duplicates("cell_id") if len(self.cells) else self.cells
 
     @cached_property
     def common(self) -> Mapping[str, Any]:

@@ -26,7 +26,7 @@ SCHEMA = 1
 
 def best(findings: Findings) -> dict[str, Any]:
     """The best hyperparameters of each arm, as plain data."""
-    cells, selected = findings.cells, findings.selected
+    cells, selected = findings.each_cell, findings.selected
     wanted = dict.fromkeys(group.key for group in findings.groups)
     return {
         "schema": SCHEMA,

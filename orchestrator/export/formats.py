@@ -80,7 +80,7 @@ def _tables(findings: Findings, folder: Path, ending: str, write_table: Callable
     for name, table in (("cells", findings.cells), ("points", findings.points)):
         write_table(table, folder / f".{name}.{ending}")
         files.append((folder / f".{name}.{ending}").replace(folder / f"{name}.{ending}"))
-    what = f"{len(findings.cells)} cells, {len(findings.points)} points"
+    what = f"{len(findings.each_cell)} cells, {len(findings.points)} points"
     return Written(what, tuple(files), {"files": [str(path) for path in files]})
 
 

@@ -51,6 +51,7 @@ class Results:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.log = RecordLog(folder / "records")
+        self._space: tuple[Any, SearchSpace] | None = None
         plugin_notes.recall(folder)
 
     @classmethod
@@ -100,8 +101,11 @@ class Results:
         return _read_json(self.folder / "sweep.json")
 
     def space(self) -> SearchSpace:
-        """The search space, as last run."""
-        return parse(str(self.folder / "sweep.json"), self.meta().get("space"))
+        """The search space, as last run; checked anew only where sweep.json says another."""
+        data = self.meta().get("space")
+        if self._space is None or self._space[0] != data:
+            self._space = data, parse(str(self.folder / "sweep.json"), data)
+        return self._space[1]
 
     def add(self, *records: Record) -> None:
         """Write the records of ended cells. From here on they are never lost, and never run again if they are done."""

@@ -99,6 +99,12 @@ class Mirror:
             "FAILED" if head.status == "failed" else "FINISHED" if head.status == "done" else "KILLED",
         )
 
+    def write_groups(self, cell_id: str, names: str) -> None:
+        """The aggregates of a cell that is of several, or of another than its own fields say."""
+        known = self._known.get(("cell", cell_id))
+        if known is not None:
+            self._client.set_tag(known.run_id, "of_group", names)
+
     def write_group(self, group: Group, curve: pd.DataFrame) -> None:
         """The aggregate run of one group; a run that holds older figures is replaced."""
         metrics, tags = group_figures(group)
@@ -132,7 +138,7 @@ class Mirror:
         planned = {("cell", cell_id) for cell_id in cells["cell_id"]} | {("aggregate", group.id) for group in every}
         for key in set(self._known) - planned - {("sweep", "")}:
             self._client.delete_run(self._known.pop(key).run_id)
-        space, counts = self._meta["space"], cells["status"].value_counts()
+        space, counts = self._meta["space"], findings.each_cell["status"].value_counts()
         tags = {f"cells_{status}": str(counts.get(status, 0)) for status in ("done", "failed", "stopped", "missing")}
         tags |= {"seeds": str(len(space["seeds"])), "agents": ", ".join(space["agents"])}
         tags |= {
@@ -219,9 +225,13 @@ def sync(findings: Findings, uri: str, artifacts: Iterable[Path], mirror: Mirror
     """Bring MLflow up to the results table: write what is missing, replace what has changed; the parent run's id."""
     results = findings.results
     mirror = mirror or Mirror(results, uri)
+    cells = findings.cells
+    groups = cells.groupby("cell_id")["group"].agg(", ".join).to_dict() if len(cells) else {}
     for stage, cell, head in results.ended():
         if head is not None:
             mirror.write_cell(stage, head, partial(results.log.record, cell.id))
+            if (names := groups.get(cell.id, cell.group)) != cell.group:
+                mirror.write_groups(cell.id, names)
     mirror.finish(findings, artifacts)
     return mirror.parent
 
