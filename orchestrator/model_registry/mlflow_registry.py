@@ -1,8 +1,8 @@
-"""Source knowledge in MLflow's Model Registry: a registered model per source task, a version per giver.
+"""Source knowledge in MLflow's Model Registry: a registered model per source task, a version per source model.
 
-A version holds the source's .npz and `registered_policy.py`; its tags say what it is (`Giver.tags`). The alias `best`
-is on the best version by `givers.standing`. A version is found again by its cell and digest, so registering
-twice changes nothing.
+A version holds the source's .npz and `registered_policy.py`; its tags say what it is (`SourceModel.tags`). The alias
+`best` is on the best version by `source_models.standing`. A version is found again by its cell and digest, so
+registering twice changes nothing.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from mlflow.tracking import MlflowClient
 from orchestrator.analysis.labels import cell_name, settings_text, varied
 from orchestrator.errors import SweepError
 from orchestrator.model_registry.source_models import (
-    Giver,
-    givers,
+    SourceModel,
     logged_name,
     model_name,
     read_steps,
+    source_models,
     standing,
     steps_text,
 )
@@ -58,26 +58,26 @@ class Fetched:
 
 
 def register(results: Results, uri: str, parent: str) -> list[str]:
-    """Register the givers of a sweep, and put the alias on the best version of each source task: models:/NAME@best.
+    """Register the source models of a sweep; the best version of each source task gets the alias: models:/NAME@best.
 
-    parent: the sweep's run, below which the givers' runs are. Raises MlflowException and OSError.
+    parent: the sweep's run, below which the source models' runs are. Raises MlflowException and OSError.
     """
-    found = givers(results)
+    found = source_models(results)
     if not found:
         return []
     client = MlflowClient(uri)
     below = client.get_run(parent)
-    names = list(dict.fromkeys(model_name(giver.cell.task) for giver in found))
+    names = list(dict.fromkeys(model_name(model.cell.task) for model in found))
     for name in names:
-        own = [giver for giver in found if model_name(giver.cell.task) == name]
+        own = [model for model in found if model_name(model.cell.task) == name]
         known = _model(client, name, own[0].cell.task)
-        for giver in own:
-            key = giver.cell.id, giver.knowledge.digest
+        for model in own:
+            key = model.cell.id, model.knowledge.digest
             version = known.get(key)
             if version is None:
-                known[key] = _write(client, name, giver, below)
+                known[key] = _write(client, name, model, below)
             else:
-                _add_steps(client, version, giver)
+                _add_steps(client, version, model)
         _point(client, name, list(known.values()))
     return [f"models:/{name}@{ALIAS}" for name in names]
 
@@ -123,36 +123,36 @@ def _model(client: MlflowClient, name: str, task: str) -> dict[tuple[str, str], 
     return versions
 
 
-def _write(client: MlflowClient, name: str, giver: Giver, parent: Run) -> ModelVersion:
-    """A new version, and the logged model behind it, both linked to the run of the giver's cell."""
-    tags, experiment = giver.tags(parent.data.tags["sweep"]), str(parent.info.experiment_id)
-    condition = f"tags.cell_id = '{giver.cell.id}' and tags.`mlflow.parentRunId` = '{parent.info.run_id}'"
+def _write(client: MlflowClient, name: str, model: SourceModel, parent: Run) -> ModelVersion:
+    """A new version, and the logged model behind it, both linked to the run of the model's cell."""
+    tags, experiment = model.tags(parent.data.tags["sweep"]), str(parent.info.experiment_id)
+    condition = f"tags.cell_id = '{model.cell.id}' and tags.`mlflow.parentRunId` = '{parent.info.run_id}'"
     runs = client.search_runs([experiment], condition, max_results=1)
     run = str((runs[0] if runs else parent).info.run_id)
     logged = client.create_logged_model(experiment, logged_name(name), run, tags, model_type="source")
     with tempfile.TemporaryDirectory(prefix="deltatune-") as folder:
-        client.log_model_artifacts(logged.model_id, str(_save(Path(folder), giver, logged.model_id, run)))
+        client.log_model_artifacts(logged.model_id, str(_save(Path(folder), model, logged.model_id, run)))
     client.finalize_logged_model(logged.model_id, "READY")
     client.log_outputs(run, [LoggedModelOutput(logged.model_id, 0)])
-    text = _version_text(name, giver)
+    text = _version_text(name, model)
     where = logged.artifact_location
     return client.create_model_version(name, where, run, tags, None, text, model_id=logged.model_id)
 
 
-def _save(folder: Path, giver: Giver, model_id: str, run: str) -> Path:
+def _save(folder: Path, model: SourceModel, model_id: str, run: str) -> Path:
     """The model's files in a folder below `folder`."""
     from mlflow import pyfunc
     from mlflow.models import Model, ModelSignature
     from mlflow.types import ColSpec, Schema, TensorSpec
 
     knowledge = folder / KNOWLEDGE
-    knowledge.write_bytes(giver.knowledge.to_bytes({"cell": giver.cell.to_json()}))
+    knowledge.write_bytes(model.knowledge.to_bytes({"cell": model.cell.to_json()}))
     actions = Schema([TensorSpec(np.dtype(np.int64), (-1,))])
     example: Any
-    if parse_task(giver.cell.task).tabular:
+    if parse_task(model.cell.task).tabular:
         example, inputs = np.arange(2), Schema([TensorSpec(np.dtype(np.int64), (-1,))])
     else:
-        size = int(giver.knowledge.arrays["sizes"][0])
+        size = int(model.knowledge.arrays["sizes"][0])
         example, inputs = np.zeros((2, size), np.float32), Schema([ColSpec("double") for _ in range(size)])
     pyfunc.save_model(
         folder / "model",
@@ -166,10 +166,10 @@ def _save(folder: Path, giver: Giver, model_id: str, run: str) -> Path:
     return folder / "model"
 
 
-def _add_steps(client: MlflowClient, version: ModelVersion, giver: Giver) -> None:
+def _add_steps(client: MlflowClient, version: ModelVersion, model: SourceModel) -> None:
     """The steps of seeds that the sweep has got since."""
     before = version.tags.get("steps", "{}")
-    after = steps_text({**read_steps(before), **giver.steps})
+    after = steps_text({**read_steps(before), **model.steps})
     if after != before:
         client.set_model_version_tag(version.name, str(version.version), "steps", after)
 
@@ -198,9 +198,9 @@ As the source of a sweep, in place of its first stage: `deltatune sweep SPACE --
 """
 
 
-def _version_text(name: str, giver: Giver) -> str:
+def _version_text(name: str, model: SourceModel) -> str:
     """The description of a version."""
-    cell, returns = giver.cell, giver.record.returns
+    cell, returns = model.cell, model.record.returns
     return (
         f"{cell_name(cell)}: {settings_text(varied(cell.agent, cell.task, cell.hyperparameters))}; "
         f"best greedy evaluation {max(returns):.2f}, last {returns[-1]:.2f}. Cell `{cell.id}`."

@@ -1,4 +1,4 @@
-"""Sources that a sweep is given, in place of training them: versions of MLflow's registry, and files of a library."""
+"""Pretrained sources passed with `--source`: versions of MLflow's registry, and files of a source library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from trainables.tasks.spec.family import Task
 
 
 @dataclass(frozen=True)
-class Given:
+class Pretrained:
     """A checked source."""
 
     name: str
@@ -47,7 +47,7 @@ class Given:
         return SourceRun(self.cell, self.best_return, self.auc, self.steps.get(seed, own))
 
 
-def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Given]:
+def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Pretrained]:
     """The sources called `names`: models:/NAME@ALIAS, models:/NAME/VERSION, or a file of a source library.
 
     uri: the MLflow store that the first two are in. Raises InputError for one that is not there, is damaged, does not
@@ -56,72 +56,76 @@ def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Given]:
     found = [_model(name, uri) if name.startswith("models:") else _file(Path(name)) for name in names]
     learned = [scenario.source for scenario in space.scenarios if "learned" in scenario.source.kinds]
     wanted = [parse_task(task).name for source in learned for task in source.tasks]
-    for given in found:
-        if given.cell.task not in wanted:
+    for source in found:
+        if source.cell.task not in wanted:
             there = ", ".join(dict.fromkeys(wanted)) or "none"
             raise InputError(
-                f"--source {given.name} was trained on {given.cell.task}, but the learned sources of {space.name} "
+                f"--source {source.name} was trained on {source.cell.task}, but the learned sources of {space.name} "
                 f"are of {there}"
             )
-        _check_shape(given.name, given.knowledge, parse_task(given.cell.task))
+        _check_shape(source.name, source.knowledge, parse_task(source.cell.task))
     _check_together(found)
     return found
 
 
-def keep(found: Sequence[Given], results: Results) -> None:
-    """Put the sources into the library of a sweep, and write down that it was given them.
+def keep(found: Sequence[Pretrained], results: Results) -> None:
+    """Put the sources into the library of a sweep, and write down their names.
 
     Raises InputError where the library holds other knowledge of the same cell.
     """
     library = SourceLibrary(results.storage)
-    for given in found:
-        if not library.has(given.cell.id):
-            library.save(given.cell, given.knowledge)
-        elif library.load(given.cell.id).digest != given.knowledge.digest:
-            raise InputError(f"{library.path(given.cell.id)} holds other knowledge of the same cell than {given.name}")
-    write_atomic(results.folder / NAMES, json.dumps([given.name for given in found]).encode())
+    for source in found:
+        if not library.has(source.cell.id):
+            library.save(source.cell, source.knowledge)
+        elif library.load(source.cell.id).digest != source.knowledge.digest:
+            raise InputError(
+                f"{library.path(source.cell.id)} holds other knowledge of the same cell than {source.name}"
+            )
+    write_atomic(results.folder / NAMES, json.dumps([source.name for source in found]).encode())
 
 
-def runs(found: Sequence[Given], seeds: Sequence[int]) -> Runs:
+def runs(found: Sequence[Pretrained], seeds: Sequence[int]) -> Runs:
     """Whose knowledge each seed gets: one source of a task serves every seed, several serve their own."""
     by_task: dict[str, dict[int, SourceRun]] = {}
-    for given in found:
-        alone = sum(other.cell.task == given.cell.task for other in found) == 1
-        serves = seeds if alone else [given.cell.seed]
-        by_task.setdefault(given.cell.task, {}).update({seed: given.run(seed) for seed in serves})
+    for source in found:
+        alone = sum(other.cell.task == source.cell.task for other in found) == 1
+        serves = seeds if alone else [source.cell.seed]
+        by_task.setdefault(source.cell.task, {}).update({seed: source.run(seed) for seed in serves})
     return by_task
 
 
-def _model(name: str, uri: str) -> Given:
+def _model(name: str, uri: str) -> Pretrained:
     from orchestrator.model_registry.mlflow_registry import fetch
 
     version = fetch(name, uri)
-    given, tags = _given(name, version.data), version.tags
+    source, tags = _read(name, version.data), version.tags
     try:
         steps, best, auc = read_steps(tags["steps"]), float(tags["best_return"]), float(tags["auc"])
         digest = tags["digest"]
     except (KeyError, ValueError) as error:
-        raise InputError(f"{version.uri} was not registered by deltatune: its tags lack or spoil {error}") from None
-    if digest != given.knowledge.digest:
+        raise InputError(
+            f"{version.uri} was not registered by deltatune: its tags are missing or malformed: {error}"
+        ) from None
+    if digest != source.knowledge.digest:
         raise InputError(f"{version.uri} is damaged: its arrays do not agree with its tag 'digest'")
-    return Given(version.uri, given.cell, given.knowledge, best, auc, steps)
+    return Pretrained(version.uri, source.cell, source.knowledge, best, auc, steps)
 
 
-def _file(path: Path) -> Given:
+def _file(path: Path) -> Pretrained:
     try:
-        return _given(str(path), path.read_bytes())
+        return _read(str(path), path.read_bytes())
     except OSError as error:
         raise InputError(f"cannot read the source {path}: {error.strerror}") from None
 
 
-def _given(name: str, data: bytes) -> Given:
+def _read(name: str, data: bytes) -> Pretrained:
     try:
         knowledge, meta = Knowledge.from_bytes(data)
         cell = Cell.from_json(meta.get("cell"))
     except InputError as error:
         raise InputError(f"{name} is no source: {error}") from None
     best = knowledge.arrays.get("best_return")
-    return Given(name, cell, knowledge, -math.inf if best is None or best.ndim else float(best), -math.inf, {})
+    return Pretrained(name, cell, knowledge, -math.inf if best is None or best.ndim else float(best), -math.inf, {})
 
 
 def _check_shape(name: str, knowledge: Knowledge, task: Task) -> None:
@@ -158,14 +162,14 @@ def _check_network(arrays: Mapping[str, np.ndarray[Any, Any]], task: Task) -> No
             raise InputError("its network holds a NaN or an infinity")
 
 
-def _check_together(found: Sequence[Given]) -> None:
+def _check_together(found: Sequence[Pretrained]) -> None:
     """Several sources of one task must differ in their seed, and in nothing else."""
-    first: dict[str, Given] = {}
-    for given in found:
-        other = first.setdefault(given.cell.task, given)
-        if other is not given and other.cell.group != given.cell.group:
-            raise InputError(f"--source {other.name} and {given.name} have different agents or hyperparameters")
-    pairs = [(given.cell.task, given.cell.seed) for given in found]
-    for given, pair in zip(found, pairs, strict=True):
-        if pairs.count(pair) > 1:
-            raise InputError(f"--source {given.name}: there are two of seed {given.cell.seed} on {given.cell.task}")
+    first: dict[str, Pretrained] = {}
+    for source in found:
+        other = first.setdefault(source.cell.task, source)
+        if other is not source and other.cell.group != source.cell.group:
+            raise InputError(f"--source {other.name} and {source.name} have different agents or hyperparameters")
+    kinds = [(source.cell.task, source.cell.seed) for source in found]
+    for source, kind in zip(found, kinds, strict=True):
+        if kinds.count(kind) > 1:
+            raise InputError(f"--source {source.name}: there are two of seed {source.cell.seed} on {source.cell.task}")

@@ -1,4 +1,4 @@
-"""The givers of a sweep: the source runs whose knowledge its transfers used, with what a registry says of them."""
+"""Source models of a sweep: the trained cells that its transfers used, with their registry metadata."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LONGEST = 200
 
 
 @dataclass(frozen=True)
-class Giver:
+class SourceModel:
     """A trained source that a sweep has used."""
 
     cell: Cell
@@ -59,8 +59,8 @@ def read_steps(text: str) -> dict[int, int]:
     return {int(seed): int(steps) for seed, steps in data.items()}
 
 
-def givers(results: Results) -> list[Giver]:
-    """The givers of a sweep, in the order of its plan.
+def source_models(results: Results) -> list[SourceModel]:
+    """Return the source models of a sweep, in the order of its plan.
 
     Left out are sources that this sweep has not trained itself, and modules of the user's own, which only their
     factory can build.
@@ -76,7 +76,7 @@ def givers(results: Results) -> list[Giver]:
             continue
         group = [other for other in done if other.cell.group == record.cell.group]
         steps = {other.cell.seed: int(other.points["step"][-1] or 0) for other in group}
-        found.append(Giver(record.cell, knowledge, record, steps))
+        found.append(SourceModel(record.cell, knowledge, record, steps))
     return found
 
 

@@ -27,7 +27,7 @@ from orchestrator.execution.settings import Settings
 from orchestrator.execution.sweep import run
 from orchestrator.model_registry import mlflow_registry, pretrained
 from orchestrator.model_registry.pyfunc_policy import q_values
-from orchestrator.model_registry.source_models import givers, logged_name, model_name, standing
+from orchestrator.model_registry.source_models import logged_name, model_name, source_models, standing
 from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import settle, untrained
 from orchestrator.results.sweep_folder import Results
@@ -229,13 +229,13 @@ def test_registering_again_changes_nothing(poles: Results, uri: str) -> None:
 
 
 def test_only_sources_that_a_transfer_has_used_are_registered(grid: Results) -> None:
-    found = givers(grid)
+    found = source_models(grid)
     used = {
         cell.sources[0].cell_id
         for cell in grid.plan()["transfer"]
         if cell.sources and cell.sources[0].kind == "learned"
     }
-    assert {giver.cell.id for giver in found} == used
+    assert {model.cell.id for model in found} == used
     assert len(found) == 2 < len(grid.plan()["source"])
 
 
@@ -322,7 +322,7 @@ def test_one_version_serves_every_seed_with_the_steps_of_its_own_source_run(pole
 
 
 def test_a_file_of_a_library_serves_as_well(grid: Results) -> None:
-    uri, (one, _) = tracking_uri(grid.storage, None), givers(grid)
+    uri, (one, _) = tracking_uri(grid.storage, None), source_models(grid)
     (version,) = (n for n, v in versions(grid, "deltatune-windy_gridworld").items() if v.tags["cell_id"] == one.cell.id)
     path = SourceLibrary(grid.storage).path(one.cell.id)
     cells = planned(grid.space(), uri, str(path))
@@ -334,12 +334,12 @@ def test_a_file_of_a_library_serves_as_well(grid: Results) -> None:
 def test_a_source_that_does_not_serve_is_refused(poles: Results, grid: Results, uri: str, tmp_path: Path) -> None:
     space = poles.space()
     own, other = SourceLibrary(poles.storage), SourceLibrary(grid.storage)
-    table = other.path(givers(grid)[0].cell.id)
+    table = other.path(source_models(grid)[0].cell.id)
     torn = tmp_path / "torn.npz"
     torn.write_bytes(table.read_bytes()[:-20])
-    wrong = own.path(givers(poles)[0].cell.id)
+    wrong = own.path(source_models(poles)[0].cell.id)
     misfit = tmp_path / "misfit.npz"
-    misfit.write_bytes(other.load(table.stem).to_bytes({"cell": givers(poles)[0].cell.to_json()}))
+    misfit.write_bytes(other.load(table.stem).to_bytes({"cell": source_models(poles)[0].cell.to_json()}))
     for names, text in (
         ((f"models:/{MODEL}@worst",), "cannot be had from MLflow"),
         (("models:/nobody/1",), "cannot be had from MLflow"),
@@ -356,7 +356,7 @@ def test_a_source_that_does_not_serve_is_refused(poles: Results, grid: Results, 
 
 def test_a_version_whose_arrays_were_exchanged_is_refused(poles: Results, uri: str) -> None:
     version = versions(poles, MODEL)["1"]
-    other = next(giver for giver in givers(poles) if giver.cell.id != version.tags["cell_id"])
+    other = next(model for model in source_models(poles) if model.cell.id != version.tags["cell_id"])
     fetched = mlflow_registry.fetch(f"models:/{MODEL}/1", uri)
     swapped = mlflow_registry.Fetched(
         fetched.uri, SourceLibrary(poles.storage).path(other.cell.id).read_bytes(), fetched.tags
@@ -369,7 +369,7 @@ def test_a_version_whose_arrays_were_exchanged_is_refused(poles: Results, uri: s
 
 def test_other_knowledge_of_the_same_cell_is_never_overwritten(poles: Results, uri: str, tmp_path: Path) -> None:
     (found,) = pretrained.read([f"models:/{MODEL}@best"], poles.space(), uri)
-    results, other = Results(tmp_path / "poles"), next(g for g in givers(poles) if g.cell.id != found.cell.id)
+    results, other = Results(tmp_path / "poles"), next(g for g in source_models(poles) if g.cell.id != found.cell.id)
     library = SourceLibrary(results.storage)
     library.save(found.cell, other.knowledge)
     with pytest.raises(InputError, match="holds other knowledge of the same cell"):
@@ -390,9 +390,9 @@ def test_a_registry_that_fails_costs_the_sweep_nothing(poles: Results, monkeypat
 def test_a_source_whose_task_has_a_dot_in_its_name_is_registered_and_fetched(
     grid: Results, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = givers(grid)[0]
+    first = source_models(grid)[0]
     dotted = dataclasses.replace(first, cell=Cell.create("q_learning", "supply_chain:demand_mean=2.5", 0))
-    monkeypatch.setattr(mlflow_registry, "givers", lambda results: [dotted])
+    monkeypatch.setattr(mlflow_registry, "source_models", lambda results: [dotted])
     uri = tracking_uri(grid.storage, None)
     parent = mlflow_mirror.sync_now(find(grid), uri, [])
     assert mlflow_registry.register(grid, uri, parent) == ["models:/deltatune-supply_chain-demand_mean-2.5@best"]
