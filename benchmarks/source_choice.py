@@ -8,7 +8,6 @@ often, and of three simpler scores of delta on the same episodes. Sources are tr
 from __future__ import annotations
 
 import argparse
-import time
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from orchestrator.analysis import statistics
-from orchestrator.results.provenance import commit, versions
-from orchestrator.results.record import Record
+from orchestrator.execution.ledger import record_of
 from orchestrator.sources.library import Entry, SourceLibrary
 from trainables.cell import Cell
 from trainables.delta.exact import exact_q, policy_q
@@ -52,10 +50,9 @@ def trained(library: SourceLibrary, agent: str, task: str) -> Entry:
     cell = Cell.create(agent, task, 0)
     if not library.has(cell.id):
         outcome = run_cell(cell, lambda cell: None, keep=True)
-        knowledge = Knowledge.from_bytes(outcome.pop("knowledge"))[0]
-        del outcome["cell"]
-        record = Record(cell=cell, finished=time.time(), versions=versions(), commit=commit(), **outcome)
-        library.save(cell, knowledge, record)
+        assert outcome is not None
+        assert outcome.knowledge is not None
+        library.save(cell, Knowledge.from_bytes(outcome.knowledge)[0], record_of(outcome))
     return library.entry(cell.id)
 
 

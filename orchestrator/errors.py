@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from trainables.errors import InfrastructureError, InputError
 
-class SweepError(RuntimeError):
+
+class SweepError(InfrastructureError):
     """A sweep that stopped for a reason outside of its cells; what is recorded stays, and the same command goes on."""
 
 
@@ -13,8 +15,6 @@ class InterruptedSweepError(SweepError):
 
 def exit_code(error: Exception) -> int | None:
     """2 for bad input, 130 for an interruption, 1 for a sweep that stopped; None for an error of our own making."""
-    from trainables.errors import InputError
-
     if isinstance(error, InputError):
         return 2
     if isinstance(error, InterruptedSweepError):

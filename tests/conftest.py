@@ -10,11 +10,15 @@ import hypothesis
 import pandas as pd
 import pytest
 
+from orchestrator.execution.settings import Settings
 from orchestrator.process_env import prepare
 
 prepare()
 hypothesis.settings.register_profile("deltatune", deadline=None)  # a busy machine is no failure
 hypothesis.settings.load_profile("deltatune")
+
+LOCAL = Settings(local=True, workers=1)
+"""Without Ray, in this process: for all whose subject is not Ray."""
 
 SPACE = {
     "schema": 1,
@@ -88,19 +92,19 @@ def ray_session() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def finished(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The storage folder of a finished sweep called `small`. Read it; copy it before you change anything."""
     return _swept(tmp_path_factory.mktemp("finished"), CELLS)
 
 
 @pytest.fixture(scope="session")
-def calm(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As `finished`, with cells that are LONGER."""
     return _swept(tmp_path_factory.mktemp("calm"), CELLS, **LONGER)
 
 
 @pytest.fixture(scope="session")
-def calm_deep(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def calm_deep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As `finished`, of DEEP."""
     return _swept(tmp_path_factory.mktemp("calm-deep"), 6, **DEEP)
 
@@ -108,13 +112,12 @@ def calm_deep(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def _swept(storage: Path, cells: int, **changes: Any) -> Path:
     from rich.console import Console
 
-    from orchestrator.execution.settings import Settings
     from orchestrator.execution.sweep import run
     from orchestrator.results.sweep_folder import Results
     from search_spaces.loading import parse
 
     results = Results.create(storage, "small", parse("small", SPACE | changes))
-    tally = run(results, Settings(), Console(quiet=True))
+    tally = run(results, LOCAL, Console(quiet=True))
     assert (tally.ran, tally.failed) == (cells, 0)
     results.write_tables()
     return storage

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
+
+from trainables.errors import TrainingError
 
 Columns = Mapping[str, Sequence[float | int | None]]
 """One list per column, all of one length; None where a point lacks the value."""
@@ -35,6 +40,51 @@ class EvalPoint:
     seconds: float = field(compare=False, default=0.0)
     """Seconds since the cell started."""
 
+    @classmethod
+    def checked(cls, point: object, seconds: float) -> EvalPoint:
+        """Return what a learner's `evaluate` returned with plain Python numbers in it, which are all finite.
+
+        Raises TrainingError that names the field and its value.
+        """
+        if not isinstance(point, EvalPoint):
+            raise TrainingError(f"evaluate() must return an EvalPoint (got {type(point).__name__})")
+        episode, step = (_count(name, getattr(point, name)) for name in ("episode", "step"))
+        trained = point.training_return
+        if not isinstance(point.statistics, Mapping):
+            raise TrainingError(f"the statistics must map names to numbers (got {point.statistics!r:.80})")
+        return cls(
+            episode=episode,
+            step=step,
+            greedy_return=_finite("greedy return", point.greedy_return, episode),
+            discounted_return=_finite("discounted return", point.discounted_return, episode),
+            training_return=None if trained is None else _finite("training return", trained, episode),
+            statistics={
+                str(name): _finite(f"statistic '{name}'", value, episode) for name, value in point.statistics.items()
+            },
+            seconds=seconds,
+        )
+
+
+def _count(name: str, value: Any) -> int:
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TrainingError(f"evaluate() must return a whole number as {name} (got {value!r})") from None
+
+
+def _finite(name: str, value: Any, episode: int) -> float:
+    """The value as it is where it is a plain number, else as a Python one."""
+    number = value
+    if type(value) not in (int, float):
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise TrainingError(f"the {name} must be a number (got {value!r} after episode {episode})") from None
+    if not math.isfinite(number):
+        raise TrainingError(f"the {name} is {number} after episode {episode}")
+    plain: float = number
+    return plain
+
 
 def columns(points: Iterable[EvalPoint]) -> dict[str, list[float | int | None]]:
     """The curve as columns: the fields of EvalPoint, then its statistics by name."""
@@ -50,6 +100,15 @@ def joined(before: Columns, after: Columns) -> dict[str, list[float | int | None
     lengths = [len(part["episode"]) if part else 0 for part in (before, after)]
     missing = [[None] * length for length in lengths]
     return {name: [*before.get(name, missing[0]), *after.get(name, missing[1])] for name in names}
+
+
+def checked(value: object) -> dict[str, list[float | int | None]]:
+    """Return a curve as `columns` made it. Raises ValueError for anything else."""
+    if not isinstance(value, dict) or not set(FIELDS) <= set(value):
+        raise ValueError(f"a curve needs the columns {', '.join(FIELDS)}")
+    if len({len(column) for column in value.values()}) != 1:
+        raise ValueError("the columns of a curve must have one length")
+    return {str(name): list(column) for name, column in value.items()}
 
 
 def digest(curve: Columns) -> str:

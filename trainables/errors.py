@@ -1,4 +1,4 @@
-"""The one error that a user's input can cause."""
+"""The three kinds of errors: of a user's input, of a user's code (or of the training itself), of the infrastructure."""
 
 from __future__ import annotations
 
@@ -10,6 +10,14 @@ from pydantic import ValidationError
 
 class InputError(ValueError):
     """Bad input. Its text is one sentence that names the offending value and what is allowed."""
+
+
+class TrainingError(RuntimeError):
+    """A cell that cannot go on: its agent or task returned what it must not. The text says where and why."""
+
+
+class InfrastructureError(RuntimeError):
+    """A disk, a network, a process or a cluster failed. Nothing is wrong with the input, nor with the user's code."""
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> InputError:
@@ -47,7 +55,3 @@ def from_validation(where: str, error: ValidationError) -> InputError:
         first["type"], first["msg"].replace("Input should", "must").replace("must be a valid", "must be a")
     )
     return InputError(f"{subject} {rule} (got {first['input']!r})")
-
-
-class TrainingError(RuntimeError):
-    """A cell that cannot go on, e.g. a return that is not a number. The text says where and why."""

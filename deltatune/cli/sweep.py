@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltatune.cli.app import RESULTS, Json, Storage, TrackingUri, app, err, out
+
+if TYPE_CHECKING:
+    from orchestrator.execution.settings import Settings
 
 
 @app.command()
@@ -30,6 +33,9 @@ def sweep(
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Cells at a time; default: one per CPU.")] = None,
     address: Annotated[str | None, typer.Option(help="Join this Ray cluster: HOST:PORT or 'auto'.")] = None,
+    local: Annotated[
+        bool, typer.Option("--local", help="Without Ray: in this process, or in --workers processes beside it.")
+    ] = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cells again.")] = False,
     checkpoint_every: Annotated[float, typer.Option(min=0, help="Seconds between checkpoints of a long cell.")] = 5.0,
     time_limit: Annotated[float | None, typer.Option(min=0.1, help="Seconds that a cell may take.")] = None,
@@ -73,6 +79,7 @@ def sweep(
     how = Settings(
         workers=workers,
         address=address,
+        local=local,
         retry_failed=retry_failed,
         checkpoint_seconds=checkpoint_every,
         time_limit=time_limit,
@@ -80,6 +87,8 @@ def sweep(
         params=settled,
         given=pretrained.runs(sources, chosen.seeds),
     )
+    if local:
+        _check_local(how)
     uri = store_uri(storage, tracking_uri) if mlflow else None
     if dry_run:
         from deltatune.cli.dry_run import say_forecast
@@ -97,6 +106,17 @@ def sweep(
     if tally.left:
         interrupted(results, tally, tracker, as_json)
     report(results, tally, tracker, as_json)
+
+
+def _check_local(how: Settings) -> None:
+    """Raise InputError for options that only mean something with Ray."""
+    from orchestrator.cluster.resources import Resources
+    from trainables.errors import InputError
+
+    if how.address:
+        raise InputError(f"--local runs without Ray: it cannot join a cluster (got --address {how.address})")
+    if how.resources != Resources():
+        raise InputError("--local reserves nothing: --cpus-per-cell, --gpus-per-cell and --memory-per-cell need Ray")
 
 
 def _settings(items: list[str]) -> dict[str, Any]:

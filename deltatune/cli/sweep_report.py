@@ -11,14 +11,14 @@ import typer
 from deltatune.cli.app import err, out, print_json, print_named, program
 from deltatune.cli.tables import group_table
 from deltatune.publish import Published, artifacts, publish
-from orchestrator.execution.settings import Tally
+from orchestrator.execution.settings import RunSummary
 from orchestrator.export.best_params import best
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.uri import shown
 
 
-def report(results: Results, tally: Tally, tracker: Tracker | None, as_json: bool) -> None:
+def report(results: Results, tally: RunSummary, tracker: Tracker | None, as_json: bool) -> None:
     """Publish a sweep that has ended, and say what came of it and where it is."""
     started = time.monotonic()
     console = err if as_json else out
@@ -36,7 +36,7 @@ def report(results: Results, tally: Tally, tracker: Tracker | None, as_json: boo
         raise typer.Exit(1)
 
 
-def interrupted(results: Results, tally: Tally, tracker: Tracker | None, as_json: bool) -> NoReturn:
+def interrupted(results: Results, tally: RunSummary, tracker: Tracker | None, as_json: bool) -> NoReturn:
     """Say what a sweep that was stopped has done, and end with exit code 130."""
     if tracker:
         tracker.interrupt()
@@ -63,7 +63,7 @@ def _register(results: Results, tracker: Tracker, parent: str | None) -> list[st
 
 
 def _summary(
-    results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float
+    results: Results, tally: RunSummary, published: Published, tracker: Tracker | None, after: float
 ) -> dict[str, Any]:
     return {
         "sweep": str(results.folder),
@@ -79,7 +79,9 @@ def _mlflow(tracker: Tracker) -> dict[str, Any]:
     return {"uri": shown(tracker.uri), "error": str(tracker.error) if tracker.error else None}
 
 
-def _print_report(results: Results, tally: Tally, published: Published, tracker: Tracker | None, after: float) -> None:
+def _print_report(
+    results: Results, tally: RunSummary, published: Published, tracker: Tracker | None, after: float
+) -> None:
     chosen = [selected.best for selected in published.findings.selected.values()]
     incomplete = [group for group in published.findings.groups if not group.complete]
     tried = {selected.best.id: selected.tried for selected in published.findings.selected.values()}

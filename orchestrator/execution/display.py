@@ -18,6 +18,7 @@ from orchestrator.results.driver_log import Journal
 from orchestrator.results.progress import Progress, Snapshot
 from orchestrator.results.record import Record
 from trainables.storage.paths import is_local
+from trainables.training import worker
 
 LOG_EVERY = 15.0
 """Seconds between lines where there is no terminal, and in the sweep's log."""
@@ -85,9 +86,9 @@ class Display:
             self._journal.write(f"failed: {cell.id} {cell.agent} on {cell.task}, seed {cell.seed}: {record.error}")
         self._show()
 
-    def progress(self, cell: str, share: float, step: int, greedy_return: float) -> None:
+    def progress(self, report: worker.Progress) -> None:
         """Take in how much of a long cell is done."""
-        self._progress.share(cell, share, step)
+        self._progress.share(report.cell, report.share, report.step)
         self._show()
 
     def over(self, cell: str) -> None:

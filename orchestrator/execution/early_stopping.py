@@ -1,94 +1,115 @@
-"""Tune's schedulers, one for each arm: only configurations of the same arm compete."""
+"""Early stopping of configurations: asynchronous successive halving and the median rule, within each arm."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Protocol
 
-from ray.tune.schedulers import AsyncHyperBandScheduler, FIFOScheduler, MedianStoppingRule, TrialScheduler
+import numpy as np
 
 from orchestrator.planning.arms import Arm
 from search_spaces.search_space import Scheduler
 from trainables.cell import Cell
 
-TIME, METRIC = "evaluations", "score"
-"""What `run_cells` reports of cells that run together."""
+MIN_RIVALS = 3
+"""Configurations that the median rule needs at least to compare with."""
 
 Scores = Sequence[float]
 """The scores of a configuration by evaluation, from the first on."""
 
 
-def scheduler(settings: Scheduler, cell: Cell) -> TrialScheduler:
-    """A new scheduler for the arm that `cell` is of."""
-    if settings.method == "asha":
-        evaluations = 1 + math.ceil(cell.settings.episodes / cell.settings.evaluate_every)
-        return AsyncHyperBandScheduler(
-            time_attr=TIME,
-            metric=METRIC,
-            mode="max",
-            max_t=evaluations,
-            grace_period=min(settings.grace, evaluations),
-            reduction_factor=settings.reduction_factor,
-            stop_last_trials=False,
-        )
-    return MedianStoppingRule(
-        time_attr=TIME, metric=METRIC, mode="max", grace_period=settings.grace, min_time_slice=10**9
-    )
+class Rule(Protocol):
+    """Judges the configurations of one arm."""
+
+    def stops(self, trial: str, evaluation: int, score: float) -> bool:
+        """Take in a score (the higher the better), and return whether the trial is to be stopped."""
 
 
-class _Past:
-    """Stands for a trial of an earlier run."""
+class SuccessiveHalving:
+    """ASHA (Li et al. 2020), stopping variant: at each rung only the best 1/`factor` of those seen so far go on.
 
-    def __init__(self, number: int) -> None:
-        self.trial_id = f"past{number}"
-
-
-class ArmSchedulers(FIFOScheduler):
-    """Hands each result to its arm's scheduler, which first sees what earlier runs of the sweep had of the arm.
-
-    cells: the cells of a trial that may be stopped; empty for the others.
-    arms: those of the stage.
-    history: the scores of an arm's configurations in earlier runs.
+    As Ray Tune's AsyncHyperBandScheduler with one bracket and `stop_last_trials=False` decides; a test compares.
     """
 
-    def __init__(
-        self,
-        settings: Scheduler,
-        cells: Callable[[str], Sequence[Cell]],
-        arms: Sequence[Arm],
-        history: Callable[[Arm], Iterable[Scores]],
-    ) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
-        self._settings, self._cells, self._arms, self._history = settings, cells, arms, history
-        self._schedulers: dict[str, TrialScheduler] = {}
-        self._trials: dict[str, TrialScheduler] = {}
+    def __init__(self, grace: int, evaluations: int, factor: float) -> None:
+        grace = min(grace, evaluations)
+        rungs = int(np.log(evaluations / grace) / np.log(factor) + 1)
+        self._quantile = (1 - 1 / factor) * 100
+        self._rungs: list[tuple[float, dict[str, float]]] = [(grace * factor**k, {}) for k in reversed(range(rungs))]
+
+    def stops(self, trial: str, evaluation: int, score: float) -> bool:
+        """Judge at the highest rung that the trial has reached, once."""
+        for milestone, scores in self._rungs:
+            if evaluation < milestone:
+                continue
+            if trial in scores:
+                return False
+            worse = bool(scores) and score < np.nanpercentile(list(scores.values()), self._quantile)
+            scores[trial] = score
+            return bool(worse)
+        return False
+
+
+class MedianStopping:
+    """The median rule (Golovin et al. 2017): stop a trial whose best score is below the median of the others' means."""
+
+    def __init__(self, grace: int) -> None:
+        self._grace = grace
+        self._scores: dict[str, dict[int, float]] = {}
+
+    def stops(self, trial: str, evaluation: int, score: float) -> bool:
+        """Compare with the trials that have got as far."""
+        own = self._scores.setdefault(trial, {})
+        own[evaluation] = score
+        if evaluation < self._grace:
+            return False
+        rivals = [scores for name, scores in self._scores.items() if name != trial and max(scores) >= evaluation]
+        means = [self._mean(scores, evaluation) for scores in rivals]
+        means = [mean for mean in means if math.isfinite(mean)]
+        return len(means) >= MIN_RIVALS and bool(np.median(means) > max(own.values()))
+
+    def _mean(self, scores: dict[int, float], evaluation: int) -> float:
+        seen = [score for at, score in scores.items() if self._grace <= at <= evaluation]
+        return float(np.mean(seen)) if seen else math.nan
+
+
+def rule(settings: Scheduler, cell: Cell) -> Rule:
+    """Return a new rule for the arm that `cell` is of."""
+    if settings.method == "asha":
+        evaluations = 1 + math.ceil(cell.settings.episodes / cell.settings.evaluate_every)
+        return SuccessiveHalving(settings.grace, evaluations, settings.reduction_factor)
+    return MedianStopping(settings.grace)
+
+
+class EarlyStopping:
+    """Hands each score to its arm's rule, which first sees what earlier runs of the sweep had of the arm.
+
+    arms: those of the stage. history: the scores of an arm's configurations in earlier runs.
+    """
+
+    def __init__(self, settings: Scheduler, arms: Sequence[Arm], history: Callable[[Arm], Iterable[Scores]]) -> None:
+        self._settings, self._arms, self._history = settings, arms, history
+        self._rules: dict[str, Rule] = {}
+        self._trials: dict[str, Rule] = {}
         self.stopped: dict[str, str] = {}
         """Trial to the reason."""
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Nothing to save: a sweep resumes from its records, never from Tune's."""
-        return {}
+    def stops(self, trial: str, cells: Sequence[Cell], evaluations: int, score: float) -> bool:
+        """Return whether the trial of `cells` is to be stopped now."""
+        if trial not in self._trials:
+            self._trials[trial] = self._rule(cells)
+        if not self._trials[trial].stops(trial, evaluations, score):
+            return False
+        self.stopped[trial] = f"stopped early by {self._settings.method} after {evaluations} evaluations"
+        return True
 
-    def on_trial_result(self, tune_controller: Any, trial: Any, result: dict[str, Any]) -> str:
-        """Whether a trial goes on."""
-        if METRIC not in result or not (cells := self._cells(trial.trial_id)):
-            return str(TrialScheduler.CONTINUE)
-        if trial.trial_id not in self._trials:
-            self._trials[trial.trial_id] = self._scheduler(tune_controller, cells)
-            self._trials[trial.trial_id].on_trial_add(tune_controller, trial)
-        decision = self._trials[trial.trial_id].on_trial_result(tune_controller, trial, result)
-        if decision == TrialScheduler.STOP:
-            self.stopped[trial.trial_id] = f"stopped early by {self._settings.method} after {result[TIME]} evaluations"
-        return str(decision)
-
-    def _scheduler(self, controller: Any, cells: Sequence[Cell]) -> TrialScheduler:
+    def _rule(self, cells: Sequence[Cell]) -> Rule:
+        """The rule of the arm that the cells are of."""
         arm = next(arm for arm in self._arms if all(arm.owns(cell) for cell in cells))
-        if arm.content not in self._schedulers:
-            self._schedulers[arm.content] = new = scheduler(self._settings, cells[0])
+        if arm.content not in self._rules:
+            self._rules[arm.content] = new = rule(self._settings, cells[0])
             for number, scores in enumerate(self._history(arm)):
-                past: Any = _Past(number)
-                new.on_trial_add(controller, past)
                 for evaluation, score in enumerate(scores, start=1):
-                    new.on_trial_result(controller, past, {TIME: evaluation, METRIC: score})
-        return self._schedulers[arm.content]
+                    new.stops(f"past{number}", evaluation, score)
+        return self._rules[arm.content]

@@ -1,31 +1,36 @@
-"""Ctrl-C, SIGTERM and the loss of Ray's head: a sweep ends with its cells checkpointed, not in the middle of things."""
+"""Ctrl-C and SIGTERM: a sweep ends with its cells checkpointed, not in the middle of things."""
 
 from __future__ import annotations
 
-import contextlib
+import logging
 import os
 import signal
 import threading
-import time
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from trainables.training.ray_tune import STOP
+from trainables.training.worker import STOP
 
 GRACE_SECONDS = 10.0
 """How long running cells may take to come to their next evaluation and be checkpointed."""
+
+log = logging.getLogger("deltatune.interrupt")
 
 
 class Interrupt:
     """Takes SIGINT and SIGTERM (which a job's stop sends) while a stage runs; a second one does not wait.
 
-    checkpoints: the folder that the workers look into for the wish to stop.
+    now: ends the stage without waiting any longer; called in the main thread. checkpoints: the folder that workers of
+    other processes look into for the wish to stop; None: there are none.
     """
 
-    def __init__(self, checkpoints: Path | None) -> None:
+    def __init__(self, now: Callable[[], None], checkpoints: Path | None = None) -> None:
         self.asked = False
+        self._now = now
         self._file = checkpoints / STOP if checkpoints else None
+        self._over = threading.Event()
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Interrupt:
@@ -37,6 +42,7 @@ class Interrupt:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._over.set()
         for number, handler in self._before.items():
             signal.signal(number, handler)
         if self._file is not None:
@@ -44,20 +50,17 @@ class Interrupt:
 
     def _signal(self, number: int, frame: FrameType | None) -> None:
         if self.asked:
-            self.now()
+            self._now()
             return
         self.asked = True
-        threading.Thread(target=self._ask, daemon=True).start()
+        threading.Thread(target=self._ask, args=(number,), daemon=True).start()
 
-    def _ask(self) -> None:
-        """Tell the workers, and give them some time."""
+    def _ask(self, number: int) -> None:
+        """Tell the workers, and give them some time; a stage that has ended by then is left alone."""
         if self._file is not None:
-            with contextlib.suppress(OSError):
+            try:
                 self._file.write_bytes(b"")
-        time.sleep(GRACE_SECONDS)
-        self.now()
-
-    def now(self) -> None:
-        """Make Tune end the stage without waiting any longer; it listens to SIGUSR1 while a stage runs."""
-        if self.asked and self._before and signal.getsignal(signal.SIGUSR1) not in (signal.SIG_DFL, signal.SIG_IGN):
-            os.kill(os.getpid(), signal.SIGUSR1)
+            except OSError as error:
+                log.warning("cannot ask the workers to stop by %s: %s", self._file, error)
+        if not self._over.wait(GRACE_SECONDS):
+            os.kill(os.getpid(), number)

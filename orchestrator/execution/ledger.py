@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import pandas as pd
 
@@ -19,6 +18,7 @@ from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 from trainables.curve import auc
 from trainables.knowledge import Knowledge
+from trainables.training.cell_run import Outcome
 
 
 class Ledger:
@@ -94,7 +94,7 @@ class Ledger:
                 groups[head.cell.group].append(head.cell)
         return [self._means(cells) for cells in groups.values()]
 
-    def take(self, stage: str, outcomes: Sequence[dict[str, Any]]) -> list[Record]:
+    def take(self, stage: str, outcomes: Sequence[Outcome]) -> list[Record]:
         """Put the outcomes of cells on disk: first what they have learned, then their records, which are returned.
 
         A cell that is done already, which a trial that was started again after its worker was lost tells a second
@@ -102,13 +102,12 @@ class Ledger:
         """
         records = []
         for outcome in outcomes:
-            cell = Cell.from_json(outcome["cell"])
+            cell = outcome.cell
             if cell.id in self._new and self._heads[cell.id].status == "done":
                 continue
-            fields = {key: value for key, value in outcome.items() if key not in ("cell", "knowledge")}
-            record = Record(cell=cell, finished=time.time(), versions=versions(), commit=commit(), **fields)
-            if outcome["knowledge"] is not None:
-                self.library.save(cell, Knowledge.from_bytes(outcome["knowledge"])[0], record)
+            record = record_of(outcome)
+            if outcome.knowledge is not None:
+                self.library.save(cell, Knowledge.from_bytes(outcome.knowledge)[0], record)
             records.append(record)
         if records:
             self._results.add(*records)
@@ -143,3 +142,9 @@ class Ledger:
         curves = [record.returns for cell in cells if (record := self._results.log.record(cell.id))]
         length = min(map(len, curves))
         return [auc([auc(returns[:stop]) for returns in curves]) for stop in range(1, length + 1)]
+
+
+def record_of(outcome: Outcome) -> Record:
+    """Return the record of a cell that has ended now."""
+    fields = {name: getattr(outcome, name) for name in ("cell", "status", "error", "points", "digest", "seconds")}
+    return Record(finished=time.time(), versions=versions(), commit=commit(), **fields)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from orchestrator.cluster.resources import Resources
 from orchestrator.planning.arms import Params
 from orchestrator.planning.source_choice import Runs
 from orchestrator.results.record import Record
+
+OnRecord = Callable[[str, Record], None]
+"""Is told the stage and the record of each cell as it ends."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,8 @@ class Settings:
     """Cells at a time; None: as many as there are CPUs for."""
     address: str | None = None
     """A running Ray cluster; None: this machine."""
+    local: bool = False
+    """Without Ray: in this process where `workers` is 1, else in that many processes beside it."""
     retry_failed: bool = False
     checkpoint_seconds: float = 5.0
     """Time between the checkpoints of a long cell."""
@@ -30,7 +36,7 @@ class Settings:
 
 
 @dataclass
-class Tally:
+class RunSummary:
     """What a run of a sweep did."""
 
     ran: int = 0

@@ -11,9 +11,9 @@ from rich.console import Console
 
 from orchestrator.errors import InterruptedSweepError, SweepError
 from orchestrator.execution.ledger import Ledger
-from orchestrator.execution.settings import Settings, Tally
+from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.source_choice import choose
-from orchestrator.execution.stage import OnRecord, Stages, Work
+from orchestrator.execution.stage import Stages, Work
 from orchestrator.planning.arms import Arm, distinct
 from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
 from orchestrator.planning.source_choice import Choices, settle
@@ -24,7 +24,7 @@ from search_spaces.search_space import SearchSpace
 
 def run(
     results: Results, settings: Settings, console: Console, on_record: OnRecord = lambda stage, record: None
-) -> Tally:
+) -> RunSummary:
     """Run what is missing of a sweep, telling `on_record` of each cell as it ends.
 
     After Ctrl-C or SIGTERM the tally says in `left` how many cells are left. Raises InputError for a damaged record, a
@@ -33,7 +33,7 @@ def run(
     """
     started = time.monotonic()
     with locked(results.folder), ExitStack() as stack:
-        ledger, tally = Ledger(results, settings.retry_failed), Tally()
+        ledger, tally = Ledger(results, settings.retry_failed), RunSummary()
         if ledger.damaged:
             console.print(f"{ledger.damaged}: their cells are run again", style="yellow", soft_wrap=True)
         sweep = _Sweep(
@@ -53,7 +53,7 @@ def run(
 class _Sweep:
     """The two stages of one run."""
 
-    def __init__(self, results: Results, settings: Settings, ledger: Ledger, tally: Tally, stages: Stages) -> None:
+    def __init__(self, results: Results, settings: Settings, ledger: Ledger, tally: RunSummary, stages: Stages) -> None:
         self._space, self._settings = results.space(), settings
         self._ledger, self._tally, self._stages = ledger, tally, stages
 

@@ -1,174 +1,159 @@
-"""One stage's cells through one `tune.Tuner`."""
+"""Running a stage's cells through one `tune.Tuner`, on this machine's Ray or on a cluster."""
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from ray import tune
+from ray.tune.schedulers import FIFOScheduler, TrialScheduler
 from ray.tune.search import Searcher
+from rich.console import Console
 
-from orchestrator.cluster import nodes
-from orchestrator.cluster.resources import Resources
-from orchestrator.execution.display import Display
-from orchestrator.execution.early_stopping import ArmSchedulers
+from orchestrator.cluster import connection, nodes
+from orchestrator.execution.executor import Workplace
 from orchestrator.execution.interrupt import Interrupt
-from orchestrator.execution.work_queue import WorkQueue
-from trainables import curve
-from trainables.plugins import loader
-from trainables.training.cell_run import Outcome, stopped
-from trainables.training.ray_tune import run_cells
-
-Take = Callable[[list[Outcome]], None]
-"""Takes over the outcomes of cells that have ended."""
+from orchestrator.execution.monitor import StageMonitor
+from orchestrator.execution.settings import Settings
+from trainables.storage.folders import make_folder
+from trainables.training.ray_tune import METRIC, TIME, run_cells
+from trainables.training.worker import WorkerPayload
 
 
-@dataclass(frozen=True)
-class Shipment:
-    """What goes to every worker of a stage."""
+class TuneExecutor:
+    """Runs packs as Tune's trials, over one connection to Ray."""
 
-    sources: Mapping[str, Mapping[str, Any]]
-    """The arrays of each source, by `Cell.source_key`."""
-    keep: bool
-    """Whether what each cell has learned is wanted."""
-    checkpoints: Path | None
-    """The folder for the states of long cells; None: a worker that is lost costs its cell's work."""
-    checkpoint_seconds: float
-    """Time between the checkpoints of a cell."""
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._checkpoints: Path | None = None
+
+    def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
+        """Connect to Ray, and see how many cells it takes at a time, and where checkpoints can be."""
+        settings, resources = self._settings, self._settings.resources
+        with console.status("starting Ray"):
+            stack.enter_context(connection.connected(settings.workers, settings.address, resources))
+            fits = nodes.capacity(resources, nodes.NODE_PATIENCE if settings.address else 0.0)
+            workers = min(settings.workers or fits, fits)
+            self._checkpoints = make_folder(checkpoints)
+            if blind := nodes.blind_nodes(checkpoints):
+                self._checkpoints = None
+                console.print(f"no checkpoints: {', '.join(blind)} cannot see {checkpoints}", style="yellow")
+        return Workplace(workers, settings.workers or (None if settings.address else workers), self._checkpoints)
+
+    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
+        """Run a stage."""
+        folder = tempfile.mkdtemp(prefix="deltatune-")
+        trainable = tune.with_parameters(run_cells, payload=payload)
+        with connection.watched_head(monitor.display.abandon), Interrupt(_end_tune, self._checkpoints) as interrupt:
+            tuner = tune.Tuner(
+                tune.with_resources(trainable, self._settings.resources.request()),
+                tune_config=tune.TuneConfig(
+                    search_alg=QueueSearcher(monitor),
+                    scheduler=EarlyStoppingScheduler(monitor),
+                    num_samples=-1,
+                    reuse_actors=True,
+                    trial_dirname_creator=lambda trial: str(trial.trial_id),
+                ),
+                run_config=tune.RunConfig(
+                    storage_path=folder, name="stage", verbose=0, callbacks=[SweepCallback(monitor, interrupt)]
+                ),
+            )
+            try:
+                tuner.fit()
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
-class Proposals(Searcher):
+class _Unsaved:
+    """Has no state for Tune to save: a sweep resumes from its records."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {}
+
+
+class QueueSearcher(_Unsaved, Searcher):
     """The queue as a Tune search algorithm: its packs become trials as workers get free."""
 
-    def __init__(self, queue: WorkQueue) -> None:
+    def __init__(self, monitor: StageMonitor) -> None:
         super().__init__(metric="auc", mode="max")
-        self._queue = queue
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Nothing to save: a sweep resumes from its records, never from Tune's."""
-        return {}
+        self._monitor = monitor
 
     def suggest(self, trial_id: str) -> Any:
-        """The config of the next trial, None to wait, or FINISHED."""
-        pack = self._queue.next(trial_id)
+        """Return the config of the next trial, None to wait, or FINISHED."""
+        pack = self._monitor.next(trial_id)
         if pack is not None:
             return {"cells": [cell.to_json() for cell in pack.cells], "together": pack.together}
-        return Searcher.FINISHED if self._queue.over() else None
+        return Searcher.FINISHED if self._monitor.queue.over() else None
 
     def on_trial_complete(self, trial_id: str, result: Mapping[str, Any] | None = None, error: bool = False) -> None:
-        """Nothing: the Relay tells the queue, which needs the error too."""
+        """Do nothing: SweepCallback tells the queue, which needs the error too."""
 
     def save(self, checkpoint_path: str) -> None:
-        """Nothing: see `__getstate__`."""
+        """Do nothing: see _Unsaved."""
 
     def restore(self, checkpoint_path: str) -> None:
-        """Nothing: see `__getstate__`."""
+        """Do nothing: see _Unsaved."""
 
 
-class Relay(tune.Callback):
-    """Hands what trials report to the queue and to the driver, and sees to those that are lost or take too long."""
+class EarlyStoppingScheduler(_Unsaved, FIFOScheduler):
+    """Our early stopping as a Tune scheduler."""
 
-    def __init__(
-        self, queue: WorkQueue, take: Take, display: Display, schedulers: ArmSchedulers | None, interrupt: Interrupt
-    ) -> None:
-        self._queue, self._take, self._display = queue, take, display
-        self._schedulers, self._interrupt = schedulers, interrupt
-        self._points: dict[str, Mapping[str, Any]] = {}
+    def __init__(self, monitor: StageMonitor) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._monitor = monitor
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Nothing to save: a sweep resumes from its records, never from Tune's."""
-        return {}
+    def on_trial_result(self, tune_controller: Any, trial: Any, result: dict[str, Any]) -> str:
+        """Return whether a trial goes on."""
+        if METRIC in result and self._monitor.stops(trial.trial_id, result[TIME], result[METRIC]):
+            return str(TrialScheduler.STOP)
+        return str(TrialScheduler.CONTINUE)
+
+
+class SweepCallback(_Unsaved, tune.Callback):
+    """Forwards reports to the monitor; handles lost and overdue trials."""
+
+    def __init__(self, monitor: StageMonitor, interrupt: Interrupt) -> None:
+        self._monitor, self._interrupt = monitor, interrupt
 
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
     ) -> None:
         """Take over what a report brings, and free Tune of its weight."""
         result["seen"] = True  # Tune prints a line for every trial whose last result has nothing to print
-        if worker := result.pop("worker", None):
-            self._queue.began(trial.trial_id, **worker)
-        if progress := result.pop("progress", None):
-            self._display.progress(**progress)
-            self._queue.progressed(progress["cell"], progress["share"])
-        for cell_id, points in result.pop("points", ()):
-            self._points[cell_id] = curve.joined(self._points.get(cell_id, {}), points)
-        if outcomes := result.pop("ended", None):
-            self._queue.told(trial.trial_id, outcomes)
-            self._take(outcomes)
+        if report := result.pop("report", None):
+            self._monitor.on_report(trial.trial_id, report)
 
     def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """A trial has ended by itself, or a scheduler has ended it."""
-        reason = self._schedulers.stopped.get(trial.trial_id) if self._schedulers else None
-        running = self._queue.running.get(trial.trial_id)
-        if running is not None and reason:
-            cells = [cell for cell in running.pack.cells if cell.id in self._points]
-            self._take([stopped(cell, reason, dict(self._points.pop(cell.id))) for cell in cells])
-        self._queue.completed(trial.trial_id)
+        self._monitor.on_completed(trial.trial_id)
 
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """A trial's worker or node was lost."""
-        why = _cause(trial.error_file)
-        self._display.note(f"a worker was lost: {why}")
-        if running := self._queue.running.get(trial.trial_id):
-            for cell in running.pack.cells:
-                self._display.over(cell.id)
-        self._queue.lost(trial.trial_id, why)
+        self._monitor.on_lost(trial.trial_id, _cause(trial.error_file))
 
     def on_step_end(self, iteration: int, trials: list[Any], **info: Any) -> None:
-        """Count the running trials, see to those that take too long, and to a wish to stop."""
-        self._display.running(len(self._queue.running))
-        for running in self._queue.overdue():
+        """End what takes too long, and see to a wish to stop."""
+        for running in self._monitor.overdue():
             assert running.node is not None
             assert running.pid is not None
             nodes.kill(running.node, running.pid)
         if self._interrupt.asked:
-            self._queue.stopping = True
-            if not self._queue.running:
-                self._interrupt.now()
+            queue = self._monitor.queue
+            queue.stopping = True
+            if not queue.running:
+                _end_tune()
 
 
-def run_stage(
-    queue: WorkQueue,
-    shipment: Shipment,
-    resources: Resources,
-    take: Take,
-    display: Display,
-    schedulers: ArmSchedulers | None = None,
-) -> None:
-    """Run a stage, handing each outcome to `take`. What an interrupt has left is still in the queue."""
-    folder = tempfile.mkdtemp(prefix="deltatune-")
-    trainable = tune.with_parameters(
-        run_cells,
-        sources=dict(shipment.sources),
-        keep=shipment.keep,
-        checkpoints=str(shipment.checkpoints) if shipment.checkpoints else None,
-        checkpoint_seconds=shipment.checkpoint_seconds,
-        own=loader.packed(),
-    )
-    with Interrupt(shipment.checkpoints) as interrupt:
-        tuner = tune.Tuner(
-            tune.with_resources(trainable, resources.request()),
-            tune_config=tune.TuneConfig(
-                search_alg=Proposals(queue),
-                scheduler=schedulers,
-                num_samples=-1,
-                reuse_actors=True,
-                trial_dirname_creator=lambda trial: str(trial.trial_id),
-            ),
-            run_config=tune.RunConfig(
-                storage_path=folder,
-                name="stage",
-                verbose=0,
-                callbacks=[Relay(queue, take, display, schedulers, interrupt)],
-            ),
-        )
-        try:
-            tuner.fit()
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
+def _end_tune() -> None:
+    """Make Tune end the stage without waiting any longer; it listens to SIGUSR1 while a stage runs."""
+    if signal.getsignal(signal.SIGUSR1) not in (signal.SIG_DFL, signal.SIG_IGN):
+        os.kill(os.getpid(), signal.SIGUSR1)
 
 
 def _cause(error_file: str | None) -> str:

@@ -1,4 +1,7 @@
-"""The queue of a stage: cells packed into trials, and what becomes of those whose worker is lost or hangs."""
+"""The queue of a stage: packs cells into trials, and decides on those whose worker is lost or hangs.
+
+It reads the state of cells and returns what must fail; it never writes.
+"""
 
 from __future__ import annotations
 
@@ -8,29 +11,29 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from orchestrator.planning.search import Tuned
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
+from trainables.training.cell_run import Outcome
 
 TARGET_SECONDS = 4.0
 """What a trial should take at least: its start and end cost the driver about a twentieth of a second."""
 
-MOST = 128
-"""Most cells of one trial."""
+MAX_PACK_SIZE = 128
+"""Cells of one trial at most."""
 
-MOST_TRIALS = 20_000
+MAX_TRIALS = 20_000
 """Trials of a stage that Tune is trusted with: it keeps each of them, some 20 KB, to the stage's end."""
 
 FIRST_GUESS = 4
 """Tabular cells of one trial as long as none of their kind has been timed."""
 
-LOSSES = 3
-"""How often a cell may take its worker with it, without getting any further, before it counts as failed."""
+MAX_WORKER_LOSSES = 3
+"""Worker losses without progress after which a cell fails."""
 
-PROGRESS = 0.01
-"""Share of a cell that counts as getting further."""
+MIN_PROGRESS = 0.01
+"""Share of a cell that counts as progress."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +43,6 @@ class Pack:
     cells: tuple[Cell, ...]
     together: bool = False
     """Side by side under a scheduler."""
-    asked: tuple[Tuned, str] | None = None
-    """The search, and the token of its suggestion."""
 
 
 @dataclass
@@ -57,20 +58,27 @@ class Running:
 
 
 @dataclass(frozen=True)
-class Ledgered:
-    """What the queue asks of, and tells, the ledger."""
+class CellStatus:
+    """Callbacks through which the queue asks for the state of cells."""
 
     ended: Callable[[Cell], bool]
     score: Callable[[Sequence[Cell]], float | None]
-    failed: Callable[[Cell, str, float], None]
-    """Takes the failure of a cell that cannot tell it itself: the cell, why, and after how many seconds."""
+
+
+@dataclass(frozen=True)
+class LostOutcome:
+    """A cell that must fail: its worker is gone for good, and cannot report it."""
+
+    cell: Cell
+    error: str
+    seconds: float
 
 
 @dataclass
 class WorkQueue:
     """What is left of a stage. One worker has one pack at a time."""
 
-    ledger: Ledgered
+    status: CellStatus
     at_once: int | None
     """Most packs at a time; None: as many as the cluster takes."""
     cells: list[Cell] = field(default_factory=list)
@@ -84,6 +92,8 @@ class WorkQueue:
     running: dict[str, Running] = field(default_factory=dict)
     stopping: bool = False
     """Nothing new is handed out any more."""
+    _unsettled: dict[tuple[int, str], tuple[Tuned, str]] = field(default_factory=dict)
+    """Suggestions whose cells were on a worker, until all of them have ended."""
     _furthest: dict[str, float] = field(default_factory=dict)
     _losses: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     _seconds: dict[tuple[str, str], tuple[int, float]] = field(default_factory=lambda: defaultdict(lambda: (0, 0.0)))
@@ -105,23 +115,23 @@ class WorkQueue:
         nothing = not self.cells and not self.packs and not any(tuned.left for tuned in self.tuned)
         return not self.running and (self.stopping or nothing)
 
-    def began(self, trial: str, pid: int, node: str) -> None:
+    def on_started(self, trial: str, pid: int, node: str) -> None:
         """A pack's worker has started with its first cell."""
         running = self.running[trial]
         running.pid, running.node, running.since = pid, node, time.monotonic()
 
-    def told(self, trial: str, outcomes: Iterable[dict[str, Any]]) -> None:
+    def on_outcomes(self, trial: str, outcomes: Iterable[Outcome]) -> None:
         """Some cells of a pack have ended, and the next one begins."""
         if trial in self.running:
             self.running[trial].since = time.monotonic()
         for outcome in outcomes:
-            kind = outcome["cell"]["agent"], outcome["cell"]["task"]
+            kind = outcome.cell.agent, outcome.cell.task
             count, total = self._seconds[kind]
-            self._seconds[kind] = count + 1, total + outcome["seconds"]
+            self._seconds[kind] = count + 1, total + outcome.seconds
 
-    def progressed(self, cell: str, share: float) -> None:
+    def on_progress(self, cell: str, share: float) -> None:
         """A long cell is further than ever: the losses that it has had before were not its fault."""
-        if share > self._furthest.get(cell, 0.0) + PROGRESS:
+        if share > self._furthest.get(cell, 0.0) + MIN_PROGRESS:
             self._furthest[cell] = share
             self._losses.pop(cell, None)
 
@@ -141,43 +151,47 @@ class WorkQueue:
         assert self.time_limit is not None
         return self.time_limit * (len(pack.cells) if pack.together else 1) + 1.0
 
-    def lost(self, trial: str, why: str) -> None:
-        """A worker is gone. Of several cells that are left each goes on alone, which shows whose fault it is."""
+    def on_lost(self, trial: str, why: str) -> list[LostOutcome]:
+        """A worker is gone; return the cells that must fail, which the caller persists.
+
+        Of several cells that are left each goes on alone, which shows whose fault it is.
+        """
         running = self.running.pop(trial, None)
         if running is None or self.stopping:
-            return
-        left = [cell for cell in running.pack.cells if not self.ledger.ended(cell)]
+            return []
+        left = [cell for cell in running.pack.cells if not self.status.ended(cell)]
         if len(left) > 1:
-            self.packs += [Pack((cell,), asked=running.pack.asked) for cell in reversed(left)]
-            return
-        for cell in left:
-            seconds = time.monotonic() - (running.since or time.monotonic())
-            self._losses[cell.id] += 1
-            if running.killed:
-                self.ledger.failed(cell, f"it took longer than its time limit of {self.time_limit:g} s", seconds)
-            elif self._losses[cell.id] >= LOSSES:
-                self.ledger.failed(cell, f"its worker was lost {LOSSES} times, at last: {why}", seconds)
-            else:
-                self.packs.append(Pack((cell,), asked=running.pack.asked))
-        self._tell(running.pack)
+            self.packs += [Pack((cell,)) for cell in reversed(left)]
+            return []
+        failures = [failure for cell in left if (failure := self._lost(cell, running, why)) is not None]
+        if not failures:
+            self.packs += [Pack((cell,)) for cell in left]
+        return failures
 
-    def completed(self, trial: str) -> Pack | None:
-        """A trial has ended; its pack, None where `lost` has seen to it already."""
-        running = self.running.pop(trial, None)
-        if running is None:
-            return None
-        self._tell(running.pack)
-        return running.pack
+    def _lost(self, cell: Cell, running: Running, why: str) -> LostOutcome | None:
+        """Count a loss of the cell's worker; its failure, or None where it may be tried again."""
+        seconds = time.monotonic() - (running.since or time.monotonic())
+        self._losses[cell.id] += 1
+        if running.killed:
+            return LostOutcome(cell, f"it took longer than its time limit of {self.time_limit:g} s", seconds)
+        if self._losses[cell.id] >= MAX_WORKER_LOSSES:
+            return LostOutcome(cell, f"its worker was lost {MAX_WORKER_LOSSES} times, at last: {why}", seconds)
+        return None
 
-    def _tell(self, pack: Pack) -> None:
-        """Tell a search what became of its suggestion, once all of its cells have ended."""
-        if pack.asked is not None:
-            tuned, token = pack.asked
+    def on_completed(self, trial: str) -> None:
+        """A trial has ended. Nothing where `on_lost` has seen to it already."""
+        self.running.pop(trial, None)
+
+    def _settle(self) -> None:
+        """Tell searches what became of the suggestions whose cells have all ended."""
+        for key, (tuned, token) in list(self._unsettled.items()):
             cells = tuned.cells(token)
-            if all(self.ledger.ended(cell) for cell in cells):
-                tuned.tell(token, self.ledger.score(cells))
+            if all(self.status.ended(cell) for cell in cells):
+                del self._unsettled[key]
+                tuned.tell(token, self.status.score(cells))
 
     def _next(self) -> Pack | None:
+        self._settle()
         if self.packs:
             return self.packs.pop()
         if self.cells:
@@ -185,10 +199,11 @@ class WorkQueue:
         while open_searches := [tuned for tuned in self.tuned if tuned.left > 0]:
             tuned = max(open_searches, key=lambda candidate: candidate.left)
             token, cells = tuned.suggest()
-            missing = tuple(cell for cell in cells if not self.ledger.ended(cell))
+            missing = tuple(cell for cell in cells if not self.status.ended(cell))
             if missing:
-                return Pack(missing, self.together, (tuned, token))
-            tuned.tell(token, self.ledger.score(cells))
+                self._unsettled[id(tuned), token] = tuned, token
+                return Pack(missing, self.together)
+            tuned.tell(token, self.status.score(cells))
         return None
 
     def _size(self) -> int:
@@ -199,7 +214,7 @@ class WorkQueue:
         if count:
             size = int(TARGET_SECONDS / max(total / count, 1e-4))
         share = len(self.cells) // (2 * (self.at_once or 2 * len(self.running) + 2))
-        size = max(1, min(size, MOST, share), math.ceil(self._total / MOST_TRIALS))
+        size = max(1, min(size, MAX_PACK_SIZE, share), math.ceil(self._total / MAX_TRIALS))
         kind = cell.agent, cell.task
         alike = itertools.takewhile(lambda c: (c.agent, c.task) == kind, reversed(self.cells[-size:]))
         return len(list(alike))

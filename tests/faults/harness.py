@@ -16,10 +16,10 @@ from typing import Any
 import pandas as pd
 import pytest
 import yaml
-from conftest import SPACE, timeless
+from conftest import LOCAL, SPACE, timeless
 from rich.console import Console
 
-from orchestrator.execution.settings import Settings, Tally
+from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run
 from orchestrator.execution.work_queue import Pack, WorkQueue
 from orchestrator.results.sweep_folder import Results
@@ -33,10 +33,10 @@ def space(**changes: Any) -> dict[str, Any]:
     return copy.deepcopy(SPACE) | changes
 
 
-def sweep(storage: Path, settings: Settings | None = None, **changes: Any) -> tuple[Results, Tally]:
-    """A sweep in this process, on its Ray."""
+def sweep(storage: Path, settings: Settings = LOCAL, **changes: Any) -> tuple[Results, RunSummary]:
+    """A sweep in this process, without Ray unless the settings say so."""
     results = Results.create(storage, "small", parse("small", space(**changes)))
-    return results, run(results, settings or Settings(), Console(quiet=True))
+    return results, run(results, settings, Console(quiet=True))
 
 
 def points(storage: Path) -> pd.DataFrame:
@@ -54,20 +54,20 @@ def assert_same(storage: Path, undisturbed: Path) -> None:
 
 def on_start(monkeypatch: pytest.MonkeyPatch, harm: Callable[[Pack, int], None]) -> None:
     """Do harm to workers at the moment that they begin with a pack: `harm` is told the pack and the process."""
-    began = WorkQueue.began
+    started = WorkQueue.on_started
 
     def harmed(queue: WorkQueue, trial: str, pid: int, node: str) -> None:
-        began(queue, trial, pid, node)
+        started(queue, trial, pid, node)
         harm(queue.running[trial].pack, pid)
 
-    monkeypatch.setattr(WorkQueue, "began", harmed)
+    monkeypatch.setattr(WorkQueue, "on_started", harmed)
 
 
 @contextlib.contextmanager
 def driver(
     folder: Path,
     *words: str,
-    python: tuple[str, ...] = ("-m", "deltatune.cli.main"),
+    python: tuple[str, ...] = ("-m", "orchestrator.cli"),
     env: Mapping[str, str] | None = None,
     **changes: Any,
 ) -> Iterator[subprocess.Popen[str]]:

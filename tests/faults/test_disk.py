@@ -18,8 +18,6 @@ from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
 from trainables.errors import InputError
 
-pytestmark = pytest.mark.usefixtures("ray_session")
-
 FULL = OSError(28, "No space left on device")
 
 

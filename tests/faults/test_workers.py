@@ -35,7 +35,7 @@ def test_a_killed_worker_costs_nothing(finished: Path, tmp_path: Path, monkeypat
             os.kill(pid, signal.SIGKILL)
 
     on_start(monkeypatch, kill_first)
-    _, tally = sweep(tmp_path)
+    _, tally = sweep(tmp_path, Settings())
     assert killed
     assert (tally.ran, tally.failed) == (CELLS, 0)
     assert_same(tmp_path, finished)
@@ -52,12 +52,12 @@ def test_a_cell_that_kills_its_workers_fails_alone_and_can_be_tried_again(
 
     with monkeypatch.context() as patch:
         on_start(patch, kill)
-        results, tally = sweep(tmp_path)
+        results, tally = sweep(tmp_path, Settings())
     assert (tally.ran, tally.failed) == (CELLS, 1)
     head = results.heads()[bad.id]
     assert head.status == "failed"
-    assert str(head.error).startswith(f"its worker was lost {work_queue.LOSSES} times, at last: ")
-    _, tally = sweep(tmp_path)
+    assert str(head.error).startswith(f"its worker was lost {work_queue.MAX_WORKER_LOSSES} times, at last: ")
+    _, tally = sweep(tmp_path, Settings())
     assert tally.ran == 0
     _, tally = sweep(tmp_path, Settings(retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
@@ -104,6 +104,7 @@ def test_a_cell_whose_arrays_do_not_fit_into_memory_fails_with_that_cause(tmp_pa
     sizes = {"episodes": [2], "evaluation_episodes": [1], "replay_capacity": [100, 10**13]}
     results, tally = sweep(
         tmp_path,
+        Settings(),
         scenarios=[deep],
         seeds=1,
         agents={"dqn": {"replay_capacity": [10**13]}},

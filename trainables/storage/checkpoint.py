@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from trainables.errors import InfrastructureError
 from trainables.storage.atomic import write_atomic
 from trainables.storage.paths import is_local
 
 MAGIC = b"deltatune checkpoint 1\n"
 
 
-class CheckpointError(RuntimeError):
+class CheckpointError(InfrastructureError):
     """A file that is not a whole checkpoint. The text says which and why."""
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
+import logging
 import time
 from collections.abc import Callable, Container
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from trainables import curve
 from trainables.cell import Cell
@@ -16,14 +17,38 @@ from trainables.plugins.loader import in_words
 from trainables.storage import checkpoint
 from trainables.training.train import Training, train
 
-Outcome = dict[str, Any]
 OnPoint = Callable[[EvalPoint], None]
 GiveSource = Callable[[Cell], Knowledge | None]
 """Gives the knowledge that a cell's source names."""
 
+log = logging.getLogger("deltatune.training")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a cell."""
+
+    cell: Cell
+    status: Literal["done", "failed", "stopped"]
+    error: str | None
+    """Why it failed, or was stopped, in a sentence."""
+    points: dict[str, list[float | int | None]]
+    """The evaluation curve as columns; of a failed or stopped cell, as far as it went."""
+    digest: str
+    """`curve.digest` of the points."""
+    seconds: float
+    """Seconds that the cell took."""
+    knowledge: bytes | None = None
+    """What was learned, where that was wanted."""
+
+    @classmethod
+    def of(cls, cell: Cell, error: str, points: Any, seconds: float) -> Outcome:
+        """Return the outcome of a cell that is done, or failed where there is an error."""
+        return cls(cell, "failed" if error else "done", error or None, points, curve.digest(points), seconds)
+
 
 class CellRun:
-    """A cell at work, evaluation by evaluation; an exception ends it as a failure, which is an outcome too.
+    """Runs a cell evaluation by evaluation; an exception ends it as a failure, which is an outcome too.
 
     keep: whether what is learned is wanted. checkpoints: a folder for the cell's state, from which a later run goes on
     bit for bit; None: no checkpoints. checkpoint_seconds: time between two of them. saved: the ids of the cells that
@@ -47,13 +72,16 @@ class CellRun:
         self._points: list[EvalPoint] = []
         self._training: Training | None = None
         self._path: Path | None = None
+        self._unsaved = False
         self._started = self._saved = time.perf_counter()
         with self._caught():
-            self._training = train(cell, source(cell))
+            knowledge = source(cell)
+            self._training = train(cell, knowledge)
             if checkpoints is not None and self._training.resumable:
                 self._path = checkpoints / f"{cell.id}.checkpoint"
-                if saved is None or cell.id in saved:
-                    self._before = _resume(self._training, self._path)
+                if (saved is None or cell.id in saved) and not self._resume(self._path):
+                    self._training.close()
+                    self._training = train(cell, knowledge)  # the old one may be half restored
 
     @property
     def evaluations(self) -> int:
@@ -76,12 +104,15 @@ class CellRun:
         return point
 
     def save(self) -> None:
-        """Save a checkpoint; a disk that is full, or a storage that is away, costs the checkpoint, not the cell."""
+        """Save a checkpoint, best effort: what prevents it is logged, and never ends the cell."""
         if self._path is None or self._training is None or not self._points:
             return
-        state = {"training": self._training.state(), "points": self.points()}
-        with contextlib.suppress(Exception):
-            checkpoint.save(self._path, state)
+        try:
+            checkpoint.save(self._path, {"training": self._training.state(), "points": self.points()})
+        except Exception as error:
+            if not self._unsaved:
+                log.warning("no checkpoint of %s: %s", _named(self.cell), in_words(error))
+            self._unsaved = True
         self._saved = time.perf_counter()
 
     def points(self, start: int = 0) -> dict[str, Any]:
@@ -98,14 +129,36 @@ class CellRun:
         return [*self._before["greedy_return"], *(point.greedy_return for point in self._points)]
 
     def outcome(self) -> Outcome:
-        """What came of the cell: {cell, status, error, points, digest, seconds, knowledge}."""
+        """What came of the cell."""
         knowledge: bytes | None = None
         if self._keep and not self.error and self._training is not None:
             with self._caught():
                 knowledge = self._training.knowledge().to_bytes()
         table = self.points()
         seconds = time.perf_counter() - self._started if self.error else table["seconds"][-1]
-        return _outcome(self.cell, self.error, table, seconds) | {"knowledge": knowledge}
+        return replace(Outcome.of(self.cell, self.error, table, seconds), knowledge=knowledge)
+
+    def close(self) -> None:
+        """Close what the learner holds open; an error there is logged, for the cell has ended."""
+        if self._training is not None:
+            try:
+                self._training.close()
+            except Exception as error:
+                log.warning("%s could not be closed: %s", _named(self.cell), in_words(error))
+
+    def _resume(self, path: Path) -> bool:
+        """Go on from the last checkpoint; False where it cannot be used, and the cell has to start anew."""
+        assert self._training is not None
+        try:
+            state = checkpoint.load_if_whole(path)
+            if state is not None:
+                before = curve.checked(state["points"])
+                self._training.restore(state["training"])
+                self._before = before
+        except Exception as error:
+            log.warning("%s starts anew, its checkpoint cannot be used: %s", _named(self.cell), in_words(error))
+            return False
+        return True
 
     def _caught(self) -> _Caught:
         return _Caught(self)
@@ -144,40 +197,26 @@ def run_cell(
     stop: is asked after each evaluation; where it says so, the cell is checkpointed and there is no outcome: None.
     """
     run = CellRun(cell, source, keep=keep, checkpoints=checkpoints, checkpoint_seconds=checkpoint_seconds, saved=saved)
-    while (point := run.step()) is not None:
-        on_point(point)
-        if stop():
-            run.save()
-            return None
-    return run.outcome()
+    try:
+        while (point := run.step()) is not None:
+            on_point(point)
+            if stop():
+                run.save()
+                return None
+        return run.outcome()
+    finally:
+        run.close()
+
+
+def _named(cell: Cell) -> str:
+    return f"{cell.agent} on {cell.task}, seed {cell.seed} (cell {cell.id})"
 
 
 def lost(cell: Cell, error: str, seconds: float) -> Outcome:
-    """The outcome of a cell whose worker cannot tell it any more."""
-    return _outcome(cell, error, curve.columns([]), seconds) | {"knowledge": None}
+    """Return the outcome of a cell whose worker cannot tell it any more."""
+    return Outcome.of(cell, error, curve.columns([]), seconds)
 
 
 def stopped(cell: Cell, reason: str, points: dict[str, Any]) -> Outcome:
-    """The outcome of a cell that a scheduler has ended early, with the curve up to there."""
-    return _outcome(cell, reason, points, points["seconds"][-1]) | {"status": "stopped", "knowledge": None}
-
-
-def _outcome(cell: Cell, error: str, points: dict[str, Any], seconds: float) -> Outcome:
-    return {
-        "cell": cell.to_json(),
-        "status": "failed" if error else "done",
-        "error": error or None,
-        "points": points,
-        "digest": curve.digest(points),
-        "seconds": seconds,
-    }
-
-
-def _resume(training: Training, path: Path) -> dict[str, Any]:
-    """Bring the training to its last checkpoint, if it has one; the points up to there."""
-    state = checkpoint.load_if_whole(path)
-    if state is None:
-        return curve.columns([])
-    training.restore(state["training"])
-    points: dict[str, Any] = state["points"]
-    return points
+    """Return the outcome of a cell that a scheduler has ended early, with the curve up to there."""
+    return replace(Outcome.of(cell, reason, points, points["seconds"][-1]), status="stopped")

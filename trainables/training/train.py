@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.delta.exact import exact_q
-from trainables.errors import InputError, TrainingError
+from trainables.errors import InputError
 from trainables.knowledge import Knowledge, joined
 from trainables.learners.learner import Resumable, new_learner
 from trainables.tasks.registry import parse_task
@@ -26,7 +25,7 @@ class Training(Iterator[EvalPoint]):
         self._started = time.perf_counter()
 
     def __next__(self) -> EvalPoint:
-        """Train up to the next evaluation, and evaluate. Raises TrainingError where a return is not finite."""
+        """Train up to the next evaluation, and evaluate. Raises TrainingError for a point with a number not finite."""
         settings = self.cell.settings
         if self._episodes is None:
             self._episodes = 0
@@ -36,11 +35,7 @@ class Training(Iterator[EvalPoint]):
             block = min(settings.evaluate_every, settings.episodes - self._episodes)
             self._learner.run(block)
             self._episodes += block
-        point = self._learner.evaluate()
-        if not math.isfinite(point.greedy_return):
-            raise TrainingError(f"the greedy return is {point.greedy_return} after episode {point.episode}")
-        object.__setattr__(point, "seconds", time.perf_counter() - self._started)
-        return point
+        return EvalPoint.checked(self._learner.evaluate(), time.perf_counter() - self._started)
 
     def knowledge(self) -> Knowledge:
         """What the agent has learned so far: after the last point, the source knowledge of a later transfer."""
@@ -70,6 +65,12 @@ class Training(Iterator[EvalPoint]):
         self._episodes = state["episodes"]
         self._started = time.perf_counter() - state["seconds"]
         self._learner.restore(state["learner"])
+
+    def close(self) -> None:
+        """Let the learner close what it holds open, such as its environments, where it has a `close`."""
+        close = getattr(self._learner, "close", None)
+        if callable(close):
+            close()
 
 
 def train(cell: Cell, source: Knowledge | None = None) -> Training:

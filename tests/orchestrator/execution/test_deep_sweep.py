@@ -114,8 +114,8 @@ def test_a_cell_that_is_cut_off_twice_goes_on_bit_for_bit(tmp_path: Path) -> Non
         _cut_off(tmp_path, expected[-1], episodes)
         assert episodes == expected
     resumed = cell_run.run_cell(small(), lambda cell: None, keep=True, checkpoints=tmp_path, checkpoint_seconds=0)
-    assert resumed["digest"] == whole["digest"]
-    assert resumed["knowledge"] == whole["knowledge"]
+    assert resumed.digest == whole.digest
+    assert resumed.knowledge == whole.knowledge
 
 
 def _cut_off(folder: Path, episode: int, seen: list[int]) -> None:
@@ -137,7 +137,7 @@ def test_a_half_written_checkpoint_is_not_taken_for_a_whole_one(
     _cut_off(tmp_path, 20, [])
     (path,) = tmp_path.glob("*.checkpoint")
     path.write_bytes(path.read_bytes()[:-100])
-    assert cell_run.run_cell(small(), lambda cell: None, checkpoints=tmp_path)["digest"] == whole["digest"]
+    assert cell_run.run_cell(small(), lambda cell: None, checkpoints=tmp_path).digest == whole.digest
 
 
 def test_a_full_disk_costs_the_checkpoint_and_not_the_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,7 +145,7 @@ def test_a_full_disk_costs_the_checkpoint_and_not_the_cell(tmp_path: Path, monke
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(cell_run.checkpoint, "save", full)
-    assert cell_run.run_cell(small(), lambda cell: None, checkpoints=tmp_path, checkpoint_seconds=0)["status"] == "done"
+    assert cell_run.run_cell(small(), lambda cell: None, checkpoints=tmp_path, checkpoint_seconds=0).status == "done"
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds the worker in /proc")

@@ -1,4 +1,4 @@
-"""Early stopping: of whole configurations, among their own arm's, never of a comparison's partner."""
+"""Early stopping: of whole configurations, among their own pair's, never of a comparison's partner."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import SPACE
+from conftest import LOCAL, SPACE
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.console import Console
 
 from orchestrator.analysis.groups import groups
 from orchestrator.analysis.selection import select
-from orchestrator.execution.early_stopping import METRIC, TIME, ArmSchedulers
-from orchestrator.execution.settings import Settings, Tally
+from orchestrator.execution.early_stopping import EarlyStopping, MedianStopping, Rule, SuccessiveHalving
+from orchestrator.execution.settings import RunSummary
 from orchestrator.execution.sweep import run
 from orchestrator.planning.arms import Arm
 from orchestrator.results.sweep_folder import Results
@@ -39,13 +41,13 @@ def space(method: str = "asha", **search: Any) -> dict[str, Any]:
     }
 
 
-def sweep(storage: Path, data: dict[str, Any]) -> tuple[Results, Tally]:
+def sweep(storage: Path, data: dict[str, Any]) -> tuple[Results, RunSummary]:
     results = Results.create(storage, "small", parse("small", data))
-    return results, run(results, Settings(), Console(quiet=True))
+    return results, run(results, LOCAL, Console(quiet=True))
 
 
 @pytest.fixture(scope="module")
-def stopped(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     storage = tmp_path_factory.mktemp("stopped")
     _, tally = sweep(storage, space())
     assert tally.failed == 0
@@ -101,7 +103,7 @@ def test_the_same_command_runs_nothing_again_and_without_the_scheduler_what_was_
     assert {head.status for head in results.heads().values()} == {"done"}
 
 
-def test_seeds_with_sources_of_their_own_are_stopped_together_too(ray_session: None, tmp_path: Path) -> None:
+def test_seeds_with_sources_of_their_own_are_stopped_together_too(tmp_path: Path) -> None:
     data = space()
     data["scenarios"][0]["source"]["hyperparameters"] = {"learning_rate": [0.5]}
     data["agents"] = {"q_learning": {}, "ppr": {"nu": [0.5, 0.7, 0.9, 0.99, 0.999]}}
@@ -111,13 +113,13 @@ def test_seeds_with_sources_of_their_own_are_stopped_together_too(ray_session: N
     assert cells.groupby("group")["status"].nunique().max() == 1
 
 
-def test_median_stopping_stops_some_too(ray_session: None, tmp_path: Path) -> None:
+def test_median_stopping_stops_some_too(tmp_path: Path) -> None:
     _, tally = sweep(tmp_path, space("median"))
     assert tally.failed == 0
     assert tally.stopped > 0
 
 
-def test_optuna_goes_on_with_what_was_stopped(ray_session: None, tmp_path: Path) -> None:
+def test_optuna_goes_on_with_what_was_stopped(tmp_path: Path) -> None:
     data = space(method="asha", budget=6)
     data["search"]["method"] = "optuna"
     rate = {"low": 0.002, "high": 0.5, "log": True}
@@ -129,17 +131,10 @@ def test_optuna_goes_on_with_what_was_stopped(ray_session: None, tmp_path: Path)
     assert tally.ran == 0
 
 
-class Trial:
-    """What a scheduler needs to know of one."""
-
-    def __init__(self, name: str) -> None:
-        self.trial_id = name
-
-
-def judged(scheduler: ArmSchedulers, name: str, scores: list[float]) -> int:
+def judged(stopping: EarlyStopping, name: str, cell: Cell, scores: list[float]) -> int:
     """How many evaluations a trial gets."""
     for number, score in enumerate(scores, start=1):
-        if scheduler.on_trial_result(None, Trial(name), {TIME: number, METRIC: score}) == "STOP":
+        if stopping.stops(name, [cell], number, score):
             return number
     return len(scores)
 
@@ -150,24 +145,70 @@ def arm_of(cell: Cell) -> Arm:
 
 def test_a_resumed_scheduler_knows_what_earlier_runs_had() -> None:
     cell = Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 100})
-    settings = Scheduler(method="asha", grace=2, reduction_factor=2)
+    scheduler = Scheduler(method="asha", grace=2, reduction_factor=2)
     bad, good = [0.0] * 10, [1.0] * 10
-    fresh = ArmSchedulers(settings, lambda trial: [cell], [arm_of(cell)], lambda arm: [])
-    assert judged(fresh, "only", bad) == 10
-    resumed = ArmSchedulers(settings, lambda trial: [cell], [arm_of(cell)], lambda arm: [good, good, good])
-    assert judged(resumed, "only", bad) == 2
+    fresh = EarlyStopping(scheduler, [arm_of(cell)], lambda arm: [])
+    assert judged(fresh, "only", cell, bad) == 10
+    resumed = EarlyStopping(scheduler, [arm_of(cell)], lambda arm: [good, good, good])
+    assert judged(resumed, "only", cell, bad) == 2
     assert resumed.stopped == {"only": "stopped early by asha after 2 evaluations"}
 
 
 def test_arms_do_not_compete() -> None:
-    cells = {
-        "good": Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 100}),
-        "bad": Cell.create("q_learning", "supply_chain", 0, {"episodes": 100}),
-    }
-    settings = Scheduler(method="asha", grace=2, reduction_factor=2)
-    scheduler = ArmSchedulers(settings, lambda trial: [cells[trial]], [*map(arm_of, cells.values())], lambda arm: [])
-    assert judged(scheduler, "good", [1.0] * 10) == 10
-    assert judged(scheduler, "bad", [0.0] * 10) == 10
+    good, bad = (Cell.create("q_learning", task, 0, {"episodes": 100}) for task in ("windy_gridworld", "supply_chain"))
+    stopping = EarlyStopping(
+        Scheduler(method="asha", grace=2, reduction_factor=2), [arm_of(good), arm_of(bad)], lambda arm: []
+    )
+    assert judged(stopping, "good", good, [1.0] * 10) == 10
+    assert judged(stopping, "bad", bad, [0.0] * 10) == 10
+
+
+class Trial:
+    """What Tune's schedulers need to know of one."""
+
+    def __init__(self, name: str) -> None:
+        self.trial_id = name
+
+
+class Controller:
+    """What Tune's schedulers ask for where they have too few samples."""
+
+    def get_live_trials(self) -> list[Any]:
+        return []
+
+
+def both(method: str, grace: int, factor: float) -> tuple[Rule, Any]:
+    """Our rule, and Tune's scheduler of the same settings."""
+    from ray.tune.schedulers import AsyncHyperBandScheduler, MedianStoppingRule
+
+    named = {"time_attr": "at", "metric": "score", "mode": "max"}
+    if method == "asha":
+        theirs = AsyncHyperBandScheduler(
+            **named, max_t=40, grace_period=grace, reduction_factor=factor, stop_last_trials=False
+        )
+        return SuccessiveHalving(grace, 40, factor), theirs
+    return MedianStopping(grace), MedianStoppingRule(**named, grace_period=grace, min_time_slice=10**9)
+
+
+@pytest.mark.parametrize("method", ["asha", "median"])
+@given(seed=st.integers(0, 10**6), grace=st.integers(1, 5), factor=st.sampled_from([1.5, 2, 3, 4]))
+@settings(max_examples=30)
+def test_our_rules_decide_as_tunes_schedulers_do(method: str, seed: int, grace: int, factor: float) -> None:
+    rng = np.random.default_rng(seed)
+    ours, theirs = both(method, grace, factor)
+    trials = {name: Trial(name) for name in "abcdefgh"}
+    reached = dict.fromkeys(trials, 0)
+    for trial in trials.values():
+        theirs.on_trial_add(Controller(), trial)
+    while alive := [name for name in trials if reached[name] < 40]:
+        name = str(rng.choice(alive))
+        reached[name] += 1
+        score = round(float(rng.normal(ord(name) / 10, 1)), 1)
+        stops = ours.stops(name, reached[name], score)
+        decision = theirs.on_trial_result(Controller(), trials[name], {"at": reached[name], "score": score})
+        assert stops == (decision == "STOP")
+        if stops:
+            reached[name] = 40
 
 
 def test_cells_in_lockstep_have_the_bits_of_cells_alone() -> None:

@@ -15,7 +15,7 @@ from rich.console import Console
 from orchestrator.analysis.groups import groups
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.replay import replay
-from orchestrator.execution.settings import Settings, Tally
+from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run
 from orchestrator.results.sweep_folder import Results
 from search_spaces import narrow
@@ -52,7 +52,7 @@ def space(home: Path, source: dict[str, Any], targets: list[str], agents: dict[s
     return load(str(home / "own.yaml"))
 
 
-def sweep(home: Path, asked: SearchSpace) -> tuple[Results, Tally]:
+def sweep(home: Path, asked: SearchSpace) -> tuple[Results, RunSummary]:
     results = Results.create(home / "results", "own", asked)
     return results, run(results, Settings(), Console(quiet=True))
 

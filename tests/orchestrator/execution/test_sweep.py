@@ -7,12 +7,13 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from conftest import CELLS, SPACE, record_lines, set_record_lines, timeless
+from conftest import CELLS, LOCAL, SPACE, record_lines, set_record_lines, timeless
 from rich.console import Console
 
 from orchestrator.analysis.findings import find
@@ -20,7 +21,7 @@ from orchestrator.cluster import connection
 from orchestrator.errors import SweepError
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.replay import replay
-from orchestrator.execution.settings import Settings, Tally
+from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run
 from orchestrator.export.best_params import read_params, write_best
 from orchestrator.results.status import sweep_status
@@ -34,10 +35,10 @@ from trainables.training.cell_run import run_cell
 QUIET = Console(quiet=True)
 
 
-def sweep(storage: Path, settings: Settings | None = None, **changes: Any) -> tuple[Results, Tally]:
+def sweep(storage: Path, settings: Settings | None = None, **changes: Any) -> tuple[Results, RunSummary]:
     space = copy.deepcopy(SPACE) | changes
     results = Results.create(storage, "small", parse("small", space))
-    return results, run(results, settings or Settings(), QUIET)
+    return results, run(results, settings or LOCAL, QUIET)
 
 
 @pytest.fixture
@@ -48,11 +49,11 @@ def storage(finished: Path, tmp_path: Path) -> Path:
 
 def test_a_finished_sweep_runs_nothing_again_and_starts_no_ray(storage: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "connected", None)
-    _, tally = sweep(storage)
+    _, tally = sweep(storage, Settings())
     assert (tally.ran, tally.reused) == (0, CELLS)
 
 
-def test_only_missing_cells_run_and_the_tables_are_the_same(storage: Path, ray_session: None) -> None:
+def test_only_missing_cells_run_and_the_tables_are_the_same(storage: Path) -> None:
     results = Results.open(storage, "small")
     before, points = (timeless(table) for table in results.write_tables())
     lines = record_lines(results)
@@ -67,7 +68,7 @@ def test_only_missing_cells_run_and_the_tables_are_the_same(storage: Path, ray_s
     assert again.equals(points)
 
 
-def test_a_grown_space_runs_only_its_new_cells(storage: Path, ray_session: None) -> None:
+def test_a_grown_space_runs_only_its_new_cells(storage: Path) -> None:
     _, tally = sweep(storage, seeds=3)
     assert (tally.ran, tally.reused) == (CELLS // 2, CELLS)
     _, tally = sweep(storage, seeds=3, agents={**SPACE["agents"], "q_warm_start": {}})  # type: ignore[dict-item]
@@ -82,7 +83,7 @@ def test_a_shrunk_space_leaves_the_other_cells_alone_and_out_of_the_tables(stora
     assert len(results.heads()) == CELLS
 
 
-def test_a_source_that_is_lost_from_the_library_is_trained_again(storage: Path, ray_session: None) -> None:
+def test_a_source_that_is_lost_from_the_library_is_trained_again(storage: Path) -> None:
     for path in (storage / "sources").glob("*.npz"):
         path.unlink()
     _, tally = sweep(storage)
@@ -90,7 +91,7 @@ def test_a_source_that_is_lost_from_the_library_is_trained_again(storage: Path, 
     assert len(list((storage / "sources").glob("*.npz"))) == 4
 
 
-def test_a_worker_gives_the_bits_of_a_plain_process(storage: Path) -> None:
+def test_a_sweep_gives_the_bits_of_a_plain_run(storage: Path) -> None:
     results = Results.open(storage, "small")
     cells, _ = results.tables()
     for cell_id in cells.drop_duplicates(["agent", "source"])["cell_id"]:
@@ -115,7 +116,7 @@ def test_replay_says_where_a_curve_differs(storage: Path) -> None:
 
 
 def test_a_failed_cell_is_kept_as_failed_until_it_is_asked_for_again(
-    storage: Path, ray_session: None, monkeypatch: pytest.MonkeyPatch
+    storage: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results = Results.open(storage, "small")
     record = next(r for _, _, r in results.records() if r is not None and r.cell.agent == "delta_gate")
@@ -125,7 +126,7 @@ def test_a_failed_cell_is_kept_as_failed_until_it_is_asked_for_again(
     status = sweep_status(results)
     assert status["stages"]["transfer"]["failed"] == 1
     assert status["failures"][0]["error"] == "ZeroDivisionError: test"
-    _, tally = sweep(storage, Settings(retry_failed=True))
+    _, tally = sweep(storage, replace(LOCAL, retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
 
 
@@ -149,12 +150,12 @@ def test_a_cell_that_raises_is_reported_with_its_place_and_the_next_one_runs() -
     cell = Cell.from_json(json.loads(json.dumps(good.to_json())) | bad | {"hyperparameters": {"episodes": 10}})
     result = run_cell(cell, lambda cell: Knowledge({}))
     assert result is not None
-    assert result["status"] == "failed"
-    assert result["error"].startswith("InputError: the source is not a Q table")
-    assert "knowledge.py:" in result["error"]
+    assert result.status == "failed"
+    assert result.error.startswith("InputError: the source is not a Q table")
+    assert "knowledge.py:" in result.error
     next_one = run_cell(good, lambda cell: None, keep=True)
     assert next_one is not None
-    assert next_one["status"] == "done"
+    assert next_one.status == "done"
 
 
 def test_an_outcome_that_is_told_twice_counts_once(tmp_path: Path) -> None:
@@ -189,9 +190,7 @@ with locked(Path({str(storage / "small")!r})):
     assert tally.reused == CELLS
 
 
-def test_exported_hyperparameters_come_back_as_the_next_sweeps(
-    storage: Path, tmp_path: Path, ray_session: None
-) -> None:
+def test_exported_hyperparameters_come_back_as_the_next_sweeps(storage: Path, tmp_path: Path) -> None:
     data = write_best(find(Results.open(storage, "small")), tmp_path / "best.yaml")
     assert yaml.safe_load((tmp_path / "best.yaml").read_text()) == data
     assert {"task", "agent", "source", "hyperparameters", "auc", "transfer_ratio", "seeds", "ties"} <= set(
@@ -199,7 +198,7 @@ def test_exported_hyperparameters_come_back_as_the_next_sweeps(
     )
     params = read_params(tmp_path / "best.yaml")
     results = Results.create(tmp_path / "next", "small", parse("small", SPACE))
-    run(results, Settings(params=params), QUIET)
+    run(results, replace(LOCAL, params=params), QUIET)
     cells, _ = results.write_tables()
     assert len(cells) == 2 + 2 * (2 + 4 + 4)
     values = {(key.task, key.agent, key.kind): values for key, values in params.items()}
@@ -223,9 +222,7 @@ def test_a_file_that_is_no_export_is_refused(tmp_path: Path, text: str, says: st
 
 
 @pytest.mark.parametrize("method", ["random", "optuna"])
-def test_a_search_spends_its_budget_and_a_second_run_of_it_nothing(
-    tmp_path: Path, ray_session: None, method: str
-) -> None:
+def test_a_search_spends_its_budget_and_a_second_run_of_it_nothing(tmp_path: Path, method: str) -> None:
     agents = {"delta_gate": {"threshold": {"low": 1.0, "high": 12.0}}, "q_learning": {}}
     scenario = copy.deepcopy(SPACE["scenarios"][0]) | {"targets": ["windy_gridworld:wind=reversed"]}  # type: ignore[index]
     changes = {"agents": agents, "scenarios": [scenario], "search": {"method": method, "budget": 4}}

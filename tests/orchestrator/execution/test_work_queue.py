@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.execution import work_queue
-from orchestrator.execution.work_queue import LOSSES, MOST, Ledgered, Pack, WorkQueue
+from orchestrator.execution.work_queue import MAX_PACK_SIZE, MAX_WORKER_LOSSES, CellStatus, Pack, WorkQueue
+from trainables import curve
 from trainables.cell import Cell
+from trainables.training.cell_run import Outcome
 
 CELLS = [Cell.create("q_learning", "windy_gridworld", seed, {"episodes": 10}) for seed in range(40)]
 
@@ -24,15 +26,15 @@ class Book:
         self.failed: dict[str, str] = {}
 
     def queue(self, cells: Sequence[Cell], at_once: int | None = 2, time_limit: float | None = None) -> WorkQueue:
-        def fail(cell: Cell, why: str, seconds: float) -> None:
-            self.failed[cell.id] = why
-
-        ended = Ledgered(lambda cell: cell.id in self.done or cell.id in self.failed, lambda cells: None, fail)
+        ended = CellStatus(lambda cell: cell.id in self.done or cell.id in self.failed, lambda cells: None)
         return WorkQueue(ended, at_once, list(cells), time_limit=time_limit)
 
     def end(self, queue: WorkQueue, trial: str, cells: Sequence[Cell], seconds: float = 0.01) -> None:
         self.done += [cell.id for cell in cells]
-        queue.told(trial, [{"cell": cell.to_json(), "seconds": seconds} for cell in cells])
+        queue.on_outcomes(trial, [Outcome.of(cell, "", curve.columns([]), seconds) for cell in cells])
+
+    def lose(self, queue: WorkQueue, trial: str, why: str) -> None:
+        self.failed |= {failure.cell.id: failure.error for failure in queue.on_lost(trial, why)}
 
 
 @given(seed=st.integers(0, 10**6), loss=st.floats(0, 0.6), at_once=st.sampled_from([1, 2, 7, None]))
@@ -43,16 +45,16 @@ def test_whatever_is_lost_every_cell_ends_exactly_once(seed: int, loss: float, a
     while not queue.over():
         while len(trials) < 9 and (pack := queue.next(str(number))) is not None:
             trials[str(number)] = pack
-            queue.began(str(number), 1, "node")
+            queue.on_started(str(number), 1, "node")
             number += 1
         assert at_once is None or len(queue.running) <= at_once
         trial, pack = trials.popitem()
         if rng.random() < loss:
             book.end(queue, trial, pack.cells[: rng.randrange(len(pack.cells))])
-            queue.lost(trial, "gone")
+            book.lose(queue, trial, "gone")
         else:
             book.end(queue, trial, pack.cells)
-            queue.completed(trial)
+            queue.on_completed(trial)
     assert sorted([*book.done, *book.failed]) == sorted(cell.id for cell in CELLS)
 
 
@@ -64,12 +66,12 @@ def test_the_cell_that_kills_its_workers_is_found_among_its_pack() -> None:
         pack = queue.next(str(number))
         assert pack is not None
         if bad in pack.cells:
-            queue.lost(str(number), "boom")
+            book.lose(queue, str(number), "boom")
         else:
             book.end(queue, str(number), pack.cells)
-            queue.completed(str(number))
+            queue.on_completed(str(number))
         number += 1
-    assert book.failed == {bad.id: f"its worker was lost {LOSSES} times, at last: boom"}
+    assert book.failed == {bad.id: f"its worker was lost {MAX_WORKER_LOSSES} times, at last: boom"}
 
 
 def test_packs_grow_to_their_target_and_no_further() -> None:
@@ -80,10 +82,10 @@ def test_packs_grow_to_their_target_and_no_further() -> None:
         pack = queue.next(str(number))
         assert pack is not None
         sizes.append(len(pack.cells))
-        queue.told(str(number), [{"cell": cell.to_json(), "seconds": 0.001} for cell in pack.cells])
-        queue.completed(str(number))
+        queue.on_outcomes(str(number), [Outcome.of(cell, "", curve.columns([]), 0.001) for cell in pack.cells])
+        queue.on_completed(str(number))
     assert sizes[0] == work_queue.FIRST_GUESS
-    assert sizes[1:] == [MOST] * 3
+    assert sizes[1:] == [MAX_PACK_SIZE] * 3
 
 
 def test_long_cells_go_alone() -> None:
@@ -96,15 +98,15 @@ def test_long_cells_go_alone() -> None:
 def test_a_cell_that_gets_further_each_time_never_fails_for_its_nodes() -> None:
     book = Book()
     queue = book.queue(CELLS[:1])
-    for number in range(3 * LOSSES):
+    for number in range(3 * MAX_WORKER_LOSSES):
         assert queue.next(str(number)) is not None
-        queue.progressed(CELLS[0].id, 0.1 * (number + 1))
-        queue.lost(str(number), "the spot machine is gone")
+        queue.on_progress(CELLS[0].id, 0.1 * (number + 1))
+        book.lose(queue, str(number), "the spot machine is gone")
     assert not book.failed
-    for number in range(LOSSES - 1):
+    for number in range(MAX_WORKER_LOSSES - 1):
         assert queue.next(f"again{number}") is not None
-        queue.progressed(CELLS[0].id, 0.2)
-        queue.lost(f"again{number}", "boom")
+        queue.on_progress(CELLS[0].id, 0.2)
+        book.lose(queue, f"again{number}", "boom")
     assert list(book.failed) == [CELLS[0].id]
 
 
@@ -116,13 +118,13 @@ def test_only_what_takes_too_long_is_overdue_and_only_once(monkeypatch: pytest.M
     assert queue.next("a")
     now[0] += 1000
     assert queue.overdue() == [], "its worker has not begun"
-    queue.began("a", 1, "node")
+    queue.on_started("a", 1, "node")
     now[0] += 9
     assert queue.overdue() == []
     now[0] += 3
     assert [running.pack for running in queue.overdue()] == [queue.running["a"].pack]
     assert queue.overdue() == []
-    queue.lost("a", "killed")
+    book.lose(queue, "a", "killed")
     assert list(book.failed.values()) == ["it took longer than its time limit of 10 s"]
 
 
@@ -132,5 +134,5 @@ def test_a_queue_that_stops_hands_nothing_out() -> None:
     queue.stopping = True
     assert queue.next("b") is None
     assert not queue.over()
-    queue.completed("a")
+    queue.on_completed("a")
     assert queue.over()

@@ -264,15 +264,17 @@ def test_a_cell_that_goes_on_from_a_checkpoint_has_equal_bits(cell: Cell, evalua
     assert trained == list(range(0, 31, 10))[evaluations:]
     assert whole is not None
     assert rest is not None
-    assert (rest["digest"], rest["knowledge"]) == (whole["digest"], whole["knowledge"])
+    assert (rest.digest, rest.knowledge) == (whole.digest, whole.knowledge)
 
 
-def test_a_checkpoint_is_not_looked_for_where_none_is_known(tmp_path: Path) -> None:
+def test_a_checkpoint_is_not_looked_for_where_none_is_known(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     cell = small_cell("q_learning")
     (tmp_path / f"{cell.id}.checkpoint").mkdir()
     unread = run_cell(cell, lambda cell: None, checkpoints=tmp_path, saved=set())
     assert unread is not None
-    assert unread["status"] == "done"
+    assert unread.status == "done"
+    assert "starts anew" not in caplog.text
     looked = run_cell(cell, lambda cell: None, checkpoints=tmp_path)
     assert looked is not None
-    assert looked["status"] == "failed"
+    assert looked.digest == unread.digest
+    assert "starts anew, its checkpoint cannot be used: IsADirectoryError" in caplog.text

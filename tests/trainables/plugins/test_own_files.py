@@ -99,13 +99,13 @@ def test_a_worker_gets_the_file_and_computes_the_same_bits(tank: Path) -> None:
         "import json, sys; from trainables.plugins import files; from trainables.cell import Cell\n"
         "from trainables.training.cell_run import run_cell\n"
         "data = json.load(sys.stdin); files.install({k: v.encode() for k, v in data['files'].items()})\n"
-        "print(run_cell(Cell.from_json(data['cell']), lambda cell: None)['digest'])"
+        "print(run_cell(Cell.from_json(data['cell']), lambda cell: None).digest)"
     )
     data = json.dumps({"files": packed, "cell": cell.to_json()})
     done = subprocess.run(
         [sys.executable, "-c", code], input=data, capture_output=True, text=True, check=True, cwd=ROOT
     )
-    assert done.stdout.strip() == here["digest"]
+    assert done.stdout.strip() == here.digest
 
 
 def test_a_file_that_was_altered_on_its_way_is_refused() -> None:
@@ -119,11 +119,9 @@ def test_a_file_that_does_not_run_on_a_worker_fails_its_own_cells_alone() -> Non
     loader.install({key: source})
     outcome = run_cell(Cell.create("dqn", f"{key}:Task", 0, SMALL), lambda cell: None)
     assert "cannot be loaded here (needy.py:1: ModuleNotFoundError: No module named 'only_on_the_driver')" in str(
-        outcome["error"]
+        outcome.error
     )
-    assert (
-        run_cell(Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 1}), lambda cell: None)["error"] is None
-    )
+    assert run_cell(Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 1}), lambda cell: None).error is None
 
 
 def test_two_files_of_one_name_live_side_by_side(tank: Path) -> None:

@@ -60,7 +60,7 @@ def chain_task(tmp_path: Path) -> str:
 def failure(name: str) -> str:
     """Why a short cell of a task in bad_tasks.py fails."""
     outcome = run_cell(Cell.create("dqn", load(f"{HERE / 'bad_tasks.py'}:{name}"), 0, SMALL), lambda cell: None)
-    return str(outcome["error"])
+    return str(outcome.error)
 
 
 # --- features --------------------------------------------------------------------------------------------------
@@ -179,15 +179,15 @@ def test_steps_are_drawn_with_the_models_probabilities(chain_task: str) -> None:
 
 def test_every_tabular_agent_learns_a_task_by_its_model(chain_task: str) -> None:
     outcome = run_cell(Cell.create("q_learning", chain_task, 0), lambda cell: None)
-    assert outcome["error"] is None
+    assert outcome.error is None
     best = float(exact_q(chain_task, 0.99)[0].max())
-    assert outcome["points"]["discounted_return"][-1] == pytest.approx(best, rel=1e-6)
+    assert outcome.points["discounted_return"][-1] == pytest.approx(best, rel=1e-6)
     source = Source(task=chain_task, kind="exact")
     for name in ("delta_gate", "policy_reuse"):
         from trainables.training.train import exact_source
 
         cell = Cell.create(name, f"{chain_task}:slip=0.5", 0, {"episodes": 20}, source)
-        assert run_cell(cell, lambda cell: exact_source(chain_task, 0.99))["error"] is None
+        assert run_cell(cell, lambda cell: exact_source(chain_task, 0.99)).error is None
 
 
 @pytest.mark.parametrize(
@@ -228,8 +228,8 @@ def test_a_deep_agent_may_derive_from_ours(tmp_path: Path) -> None:
     )
     name = load(f"{tmp_path / 'deep.py'}:Agent")
     own, ours = (run_cell(Cell.create(each, "cartpole", 0, SMALL), lambda cell: None) for each in (name, "dqn"))
-    assert own["error"] is None
-    assert own["digest"] == ours["digest"]
+    assert own.error is None
+    assert own.digest == ours.digest
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,50 @@
+"""Who runs the cells of a stage: Ray Tune, this process, or processes beside it. All give the same bits and files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol
+
+from rich.console import Console
+
+from orchestrator.execution.monitor import StageMonitor
+from orchestrator.execution.settings import Settings
+from trainables.training.worker import WorkerPayload
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """What an executor has to offer once it is open."""
+
+    workers: int
+    """Cells that run at a time."""
+    at_once: int | None
+    """Packs handed out at a time; None: as many as a cluster that grows takes."""
+    checkpoints: Path | None
+    """The folder for checkpoints, which all workers see; None: there can be none."""
+
+
+class Executor(Protocol):
+    """Runs stages, one after the other."""
+
+    def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
+        """Get ready before the first stage; `stack` closes at the sweep's end. Raises InputError where it cannot."""
+
+    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
+        """Run what the monitor's queue hands out, telling the monitor all. What an interrupt leaves is in the queue."""
+
+
+def executor(settings: Settings) -> Executor:
+    """Return the executor that the settings ask for. Ray is imported only where it is the one."""
+    if not settings.local:
+        module, name = "orchestrator.execution.tune_runner", "TuneExecutor"
+    elif settings.workers == 1 and settings.time_limit is None:
+        module, name = "orchestrator.execution.in_process", "InProcessExecutor"
+    else:
+        module, name = "orchestrator.execution.process_pool", "ProcessPoolExecutor"
+    made: Callable[[Settings], Executor] = getattr(import_module(module), name)
+    return made(settings)

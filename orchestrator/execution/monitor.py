@@ -1,0 +1,110 @@
+"""Following the trials of a stage, whoever runs them: from their reports to the queue, the records and the display."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from orchestrator.execution.display import Display
+from orchestrator.execution.early_stopping import EarlyStopping
+from orchestrator.execution.ledger import Ledger
+from orchestrator.execution.settings import OnRecord, RunSummary
+from orchestrator.execution.work_queue import Pack, Running, WorkQueue
+from trainables import curve
+from trainables.training.cell_run import Outcome, lost, stopped
+from trainables.training.worker import Ended, Logged, Progress, Reached, Report, Started
+
+
+@dataclass
+class OutcomeSink:
+    """Persists each outcome, then updates summary, display and tracker."""
+
+    stage: str
+    ledger: Ledger
+    summary: RunSummary
+    display: Display
+    on_record: OnRecord
+    failure: OSError | None = None
+    """Why a record could not be written."""
+
+    def take(self, outcomes: list[Outcome]) -> None:
+        """Persist outcomes. An OSError ends the sweep: a result that cannot be kept is none."""
+        try:
+            records = self.ledger.take(self.stage, outcomes)
+        except OSError as error:
+            self.failure = error
+            raise
+        for record in records:
+            self.summary.ended(record)
+            self.display.ended(record)
+            self.on_record(self.stage, record)
+
+
+class StageMonitor:
+    """Takes in what becomes of trials, on behalf of an executor."""
+
+    def __init__(self, queue: WorkQueue, sink: OutcomeSink, display: Display, stopping: EarlyStopping | None) -> None:
+        self.queue = queue
+        self.display = display
+        self._sink, self._stopping = sink, stopping
+        self._points: dict[str, Mapping[str, Any]] = {}
+
+    def next(self, trial: str) -> Pack | None:
+        """Return the pack of a new trial; None where there is none now, or no more (see `WorkQueue.over`)."""
+        pack = self.queue.next(trial)
+        self.display.running(len(self.queue.running))
+        return pack
+
+    def stops(self, trial: str, evaluations: int, score: float) -> bool:
+        """Return whether early stopping ends a trial whose cells have reached an evaluation together."""
+        if self._stopping is None or not (pack := self.queue.running[trial].pack).together:
+            return False
+        return self._stopping.stops(trial, pack.cells, evaluations, score)
+
+    def on_report(self, trial: str, report: Report) -> None:
+        """Take in a report."""
+        match report:
+            case Started():
+                self.queue.on_started(trial, report.pid, report.node)
+            case Progress():
+                self.display.progress(report)
+                self.queue.on_progress(report.cell, report.share)
+            case Reached():
+                for cell_id, points in report.points:
+                    self._points[cell_id] = curve.joined(self._points.get(cell_id, {}), points)
+            case Logged():
+                for name, level, text in report.lines:
+                    logging.getLogger(name).log(level, "%s", text)
+            case Ended():
+                self.queue.on_outcomes(trial, report.outcomes)
+                self._sink.take(list(report.outcomes))
+
+    def on_completed(self, trial: str) -> None:
+        """A trial has ended by itself, or early stopping has ended it."""
+        reason = self._stopping.stopped.get(trial) if self._stopping else None
+        cells = running.pack.cells if (running := self.queue.running.get(trial)) else ()
+        curves = {cell.id: dict(self._points.pop(cell.id)) for cell in cells if cell.id in self._points}
+        if reason:
+            self._sink.take([stopped(cell, reason, curves[cell.id]) for cell in cells if cell.id in curves])
+        self.queue.on_completed(trial)
+        self.display.running(len(self.queue.running))
+
+    def on_lost(self, trial: str, why: str) -> None:
+        """A trial's worker is gone."""
+        running = self.queue.running.get(trial)
+        if running is None:
+            return
+        if not running.killed:
+            self.display.note(f"a worker was lost: {why}")
+        for cell in running.pack.cells:
+            self.display.over(cell.id)
+            self._points.pop(cell.id, None)
+        if failures := self.queue.on_lost(trial, why):
+            self._sink.take([lost(failure.cell, failure.error, failure.seconds) for failure in failures])
+        self.display.running(len(self.queue.running))
+
+    def overdue(self) -> list[Running]:
+        """Return what has taken too long, each once: its worker is to be ended."""
+        return self.queue.overdue()

@@ -1,0 +1,191 @@
+"""Running cells in processes beside this one: no Ray. A process that is lost costs its cell a new try."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from orchestrator.cluster.resources import own_cpus
+from orchestrator.execution.executor import Workplace
+from orchestrator.execution.interrupt import Interrupt
+from orchestrator.execution.monitor import StageMonitor
+from orchestrator.execution.settings import Settings
+from orchestrator.execution.work_queue import Pack
+from trainables.storage.folders import make_folder
+from trainables.training.worker import Reached, WorkerPayload
+from trainables.training.worker_process import Completed, Crashed, Task
+
+_MAIN = "from trainables.training.worker_process import main; main()"
+
+TICK_SECONDS = 0.2
+"""How often time limits and interrupts are looked at."""
+
+
+class ProcessPoolExecutor:
+    """Runs as many packs at a time as there are workers, each in a process of its own."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._workers = settings.workers or own_cpus()
+        self._checkpoints: Path | None = None
+
+    def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
+        """Nothing to connect to: the processes start with the stage."""
+        self._checkpoints = make_folder(checkpoints)
+        return Workplace(self._workers, self._workers, self._checkpoints)
+
+    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
+        """Run what the queue hands out."""
+        stage = _Stage(monitor, payload, self._workers)
+        try:
+            with Interrupt(stage.end_now, self._checkpoints) as interrupt:
+                stage.run(interrupt)
+        finally:
+            stage.close()
+
+
+@dataclass
+class _Process:
+    """A worker process and what it is at."""
+
+    process: subprocess.Popen[bytes]
+    connection: Connection
+    trial: str | None = None
+    """None: it is idle."""
+    sent: set[str] = field(default_factory=set)
+    """The sources that it has."""
+    last_words: str = ""
+    """Why it ends, where it has said so."""
+
+    def end(self) -> None:
+        self.connection.close()
+        self.process.kill()
+        self.process.wait()
+
+
+class _Stage:
+    def __init__(self, monitor: StageMonitor, payload: WorkerPayload, workers: int) -> None:
+        self._monitor, self._payload, self._workers = monitor, payload, workers
+        self._processes: list[_Process] = []
+        self._numbers = itertools.count()
+        self._ended_now = False
+
+    def run(self, interrupt: Interrupt) -> None:
+        """Hand out packs and take in reports until nothing is left, or an interrupt ends it."""
+        while not self._ended_now:
+            self._monitor.queue.stopping |= interrupt.asked
+            while self._hand_out():
+                pass
+            busy = [process for process in self._processes if process.trial is not None]
+            if not busy:
+                return
+            ready: list[Any] = wait([process.connection for process in busy], timeout=TICK_SECONDS)
+            for process in busy:
+                if process.connection in ready:
+                    self._take_in(process)
+            self._end_overdue()
+
+    def end_now(self) -> None:
+        """End the stage at the next look, whatever runs."""
+        self._ended_now = True
+
+    def close(self) -> None:
+        """End all processes; those that are at work are checkpointed as of their last checkpoint."""
+        for process in self._processes:
+            process.end()
+        self._monitor.queue.running.clear()
+
+    def _hand_out(self) -> bool:
+        """Give an idle worker, or a new one, its next pack; False where there is none of either."""
+        idle = next((process for process in self._processes if process.trial is None), None)
+        if idle is None and len(self._processes) >= self._workers:
+            return False
+        trial = str(next(self._numbers))
+        if (pack := self._monitor.next(trial)) is None:
+            return False
+        process = idle or self._start()
+        process.trial = trial
+        self._send(process, pack)
+        return True
+
+    def _start(self) -> _Process:
+        here, there = socket.socketpair()
+        path = os.pathsep.join(place or os.getcwd() for place in sys.path)
+        started = subprocess.Popen(
+            [sys.executable, "-c", _MAIN, str(there.fileno())],
+            pass_fds=[there.fileno()],
+            env=os.environ | {"PYTHONPATH": path},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        there.close()
+        process = _Process(started, Connection(here.detach()))
+        self._processes.append(process)
+        self._write(process, replace(self._payload, sources={}))
+        return process
+
+    def _send(self, process: _Process, pack: Pack) -> None:
+        keys = {cell.source_key for cell in pack.cells if cell.sources} - process.sent
+        process.sent |= keys
+        sources = {key: self._payload.sources[key] for key in keys}
+        self._write(process, Task([cell.to_json() for cell in pack.cells], pack.together, sources))
+
+    def _write(self, process: _Process, message: object) -> None:
+        try:
+            process.connection.send(message)
+        except OSError:
+            return  # it is gone, as reading from it will say
+
+    def _take_in(self, process: _Process) -> None:
+        """Take in one message of a busy process, or its end."""
+        assert process.trial is not None
+        try:
+            message = process.connection.recv()
+        except (EOFError, OSError):
+            self._lost(process, process.trial)
+            return
+        if isinstance(message, Crashed):
+            process.last_words = message.why
+        elif isinstance(message, Completed):
+            trial, process.trial = process.trial, None
+            self._monitor.on_completed(trial)
+        else:
+            self._monitor.on_report(process.trial, message)
+            if isinstance(message, Reached):
+                self._write(process, self._monitor.stops(process.trial, message.evaluations, message.score))
+
+    def _lost(self, process: _Process, trial: str) -> None:
+        self._processes.remove(process)
+        try:
+            code: int | None = process.process.wait(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            code = None
+        process.end()
+        self._monitor.on_lost(trial, process.last_words or _cause(code))
+
+    def _end_overdue(self) -> None:
+        for running in self._monitor.overdue():
+            for process in self._processes:
+                if process.process.pid == running.pid:
+                    process.process.kill()
+
+
+def _cause(code: int | None) -> str:
+    """Why a process has ended, in words."""
+    if code is None:
+        return "its process no longer answers"
+    if code >= 0:
+        return f"its process has ended with exit code {code}"
+    name = signal.Signals(-code).name
+    return f"its process was ended by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")

@@ -1,0 +1,85 @@
+"""The main program of a worker process of `deltatune sweep --local`: packs in, reports out, over a socket."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+from trainables.cell import Cell
+from trainables.numerics.threads import one_thread
+from trainables.plugins import loader
+from trainables.storage.paths import storage_path
+from trainables.training.worker import Reached, Report, Started, StopFile, WorkerPayload, forwarded_log, run_pack
+
+
+@dataclass(frozen=True)
+class Task:
+    """A pack for a worker process."""
+
+    cells: Sequence[dict[str, Any]]
+    """As `Cell.to_json` writes them."""
+    together: bool
+    sources: Mapping[str, Mapping[str, Any]]
+    """What this process needs of the stage's sources, and has not been sent yet."""
+
+
+@dataclass(frozen=True)
+class Crashed:
+    """The process ends, for a reason that is no cell's."""
+
+    why: str
+
+
+@dataclass(frozen=True)
+class Completed:
+    """The process has ended its pack, and waits for the next one."""
+
+
+class PackStoppedError(Exception):
+    """Early stopping has ended a pack."""
+
+
+def main() -> None:
+    """Run what arrives on the socket whose descriptor is the first argument, until it closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver's Ctrl-C, which it passes on by the stop file
+    connection = Connection(int(sys.argv[1]))
+    try:
+        _serve(connection, connection.recv())
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return  # the driver has ended, or is gone
+    except Exception as error:
+        with contextlib.suppress(OSError):
+            connection.send(Crashed(loader.in_words(error)))
+
+
+def _serve(connection: Connection, payload: WorkerPayload) -> None:
+    one_thread()
+    loader.install(payload.plugins)
+    driver, sources = os.getppid(), dict(payload.sources)
+    stop_file = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)
+
+    def tell(report: Report) -> None:
+        connection.send(report)
+        if isinstance(report, Reached) and connection.recv():
+            raise PackStoppedError
+
+    def stop() -> bool:
+        return stop_file() or os.getppid() != driver
+
+    while True:
+        task: Task = connection.recv()
+        sources.update(task.sources)
+        connection.send(Started(os.getpid(), "local"))
+        try:
+            with forwarded_log(tell) as told:
+                cells = [Cell.from_json(data) for data in task.cells]
+                run_pack(cells, task.together, replace(payload, sources=sources), told, stop)
+        except PackStoppedError:
+            pass
+        connection.send(Completed())
