@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from trainables.agents.agent import Agent
-from trainables.agents.hyperparameters import Hyperparameters
+from trainables.agents.base import Hyperparameters
 from trainables.agents.registry import agent_named
 from trainables.errors import InputError, from_validation
 from trainables.tasks.registry import parse_task

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from trainables.agents.agent import Agent
 from trainables.agents.hyperparameters import Hyperparameters
+from trainables.agents.plots import Plot
 from trainables.errors import InputError
 from trainables.plugins.loader import pin
 from trainables.tasks.spec.family import Context, ContextFeature, TaskFamily, number
@@ -112,12 +113,16 @@ def agent(
     *,
     base: str | None = None,
     kind: Literal["tabular", "deep"] = "tabular",
+    shown: tuple[str, ...] = (),
+    plots: tuple[Plot, ...] = (),
 ) -> Agent:
     """An agent.
 
     learner: a class that is built from (cell, source) and has run, evaluate and knowledge (`training.Learner`).
     hyperparameters: their ranges and defaults, a subclass of those in `trainables.agents.hyperparameters`.
     base: the agent without transfer that this one is compared with and whose source it uses; None: it is one itself.
+    shown: hyperparameters that stand beside its name wherever it is, at their defaults too.
+    plots: what the report draws of its statistics over training (`trainables.agents.plots`).
     Raises InputError for a learner without one of its methods.
     """
     lacking = [name for name in ("run", "evaluate", "knowledge") if not callable(getattr(learner, name, None))]
@@ -125,7 +130,9 @@ def agent(
         raise InputError(f"the learner {learner.__name__} has no method {lacking[0]}")
     if not (isinstance(hyperparameters, type) and issubclass(hyperparameters, Hyperparameters)):
         raise InputError(f"hyperparameters must be a class derived from Hyperparameters (got {hyperparameters!r})")
-    return Agent("own", _first_line(learner), hyperparameters, base, learner, kind)
+    return Agent(
+        "own", _first_line(learner), hyperparameters, base, learner, kind, shown=tuple(shown), plots=tuple(plots)
+    )
 
 
 def _limit_feature(limit: int) -> ContextFeature:

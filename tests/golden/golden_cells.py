@@ -115,7 +115,12 @@ def _deep() -> Named:
     yield "delta_es/rests", Cell.create("delta_es", HEAVY, 1, DEEP | {"delta_learning_rate": 0.01}, soon)
     yield "dpba/learned", Cell.create("dpba", HEAVY, 0, DEEP, best)
     yield "delta_dpba/learned", Cell.create("delta_dpba", HEAVY, 0, DEEP, best)
-    yield "delta_select_es/library", Cell.create("delta_select_es", HEAVY, 0, DEEP | {"memory": 5}, [best, other])
+    chosen = DEEP | {"memory": 5}
+    yield (
+        "delta_select_es/library",
+        Cell.create("delta_select_es", HEAVY, 0, chosen | {"floor": "greedy"}, [best, other]),
+    )
+    yield "delta_select_es/exploring", Cell.create("delta_select_es", HEAVY, 0, chosen, [best, other])
 
 
 def _other_tasks() -> Named:

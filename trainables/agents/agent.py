@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from trainables.agents import hyperparameters as hp
+from trainables.agents.base import Hyperparameters
 from trainables.agents.plots import Plot
 from trainables.errors import InputError, from_validation, unknown
 from trainables.tasks.registry import families
@@ -21,7 +21,7 @@ class Agent:
 
     name: str
     description: str
-    hyperparameters: type[hp.Hyperparameters]
+    hyperparameters: type[Hyperparameters]
     base: str | None
     """The agent without transfer that this one is compared with and whose source it uses; None: it is one itself."""
     learner: str | Callable[..., Any]
@@ -50,7 +50,7 @@ class Agent:
         """Whether a cell of this agent names a source."""
         return self.base is not None
 
-    def resolve(self, task: Task, given: dict[str, object]) -> hp.Hyperparameters:
+    def resolve(self, task: Task, given: dict[str, object]) -> Hyperparameters:
         """All hyperparameters for `task`: the given ones, then the task's own (Tables 4 to 7), then the defaults.
 
         Raises InputError for a wrong key, type or range, or where the agent cannot learn this task.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from pydantic import ConfigDict, create_model
 
-from trainables.agents.hyperparameters import Hyperparameters
+from trainables.agents.base import Hyperparameters
 from trainables.errors import InputError
 
 if TYPE_CHECKING:

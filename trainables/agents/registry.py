@@ -1,152 +1,42 @@
-"""The agents that have a name. Add one: its hyperparameters, its learner, and a line in AGENTS."""
+"""The agents that have a name. To add one: a file in `builtin`, and a line here (docs/extending.md)."""
 
 from __future__ import annotations
 
 from trainables.agents import custom
-from trainables.agents import hyperparameters as hp
 from trainables.agents.agent import Agent
-from trainables.agents.plots import ADVICE_FACTOR, DELTA_P90, GATE_OPEN, KAPPA, MAX_DELTA, SOURCE_ACTION
+from trainables.agents.builtin.delta_select import DELTA_SELECT
+from trainables.agents.builtin.delta_select_es import DELTA_SELECT_ES
+from trainables.agents.builtin.dqn import DQN_AGENT
+from trainables.agents.builtin.explicit_shaping import DELTA_ES, ES
+from trainables.agents.builtin.gates import CONFIDENCE_GATE, DELTA_GATE
+from trainables.agents.builtin.potential_advice import DELTA_DPBA, DPBA
+from trainables.agents.builtin.ppr import PPR
+from trainables.agents.builtin.q_learning import POLICY_REUSE, Q_LEARNING, Q_WARM_START
 from trainables.errors import unknown
 from trainables.plugins import entry_points
 
 __all__ = ["AGENTS", "Agent", "agent_named", "agents"]
 
 
-_LEARNER = "trainables.learners.q_learning:TabularLearner"
-_DEEP = "trainables.learners.dqn:DeepLearner"
-_SELECT = "trainables.learners.delta_select:SelectLearner"
-_DEEP_SELECT = "trainables.learners.delta_select_es:DeepSelectLearner"
-
-_ADVICE = (KAPPA, ADVICE_FACTOR)
-
 AGENTS: dict[str, Agent] = {
     agent.name: agent
     for agent in (
-        Agent("q_learning", "Q-learning without transfer", hp.QLearning, None, _LEARNER, usual=True, look="grey"),
-        Agent(
-            "policy_reuse",
-            "the source policy, unchanged (direct reuse)",
-            hp.Transfer,
-            "q_learning",
-            _LEARNER,
-            usual=True,
-            look="orange",
-            plots=(MAX_DELTA,),
-        ),
-        Agent(
-            "ppr",
-            "probabilistic policy reuse",
-            hp.ProbabilisticPolicyReuse,
-            "q_learning",
-            _LEARNER,
-            shown=("nu",),
-            usual=True,
-            look="blue",
-            plots=(SOURCE_ACTION, MAX_DELTA),
-        ),
-        Agent(
-            "delta_gate",
-            "Algorithm 1: the source policy while max |delta| <= threshold",
-            hp.DeltaGate,
-            "q_learning",
-            _LEARNER,
-            shown=("threshold",),
-            usual=True,
-            algorithm=1,
-            look="vermilion",
-            plots=(GATE_OPEN, MAX_DELTA),
-            own_scale=(),
-        ),
-        Agent(
-            "confidence_gate",
-            "Algorithm 1 with a gate that asks for significance",
-            hp.ConfidenceGate,
-            "q_learning",
-            _LEARNER,
-            shown=("threshold",),
-            usual=True,
-            look="green",
-            plots=(GATE_OPEN, MAX_DELTA),
-        ),
-        Agent(
-            "q_warm_start",
-            "Q-learning that starts from Q_src",
-            hp.Transfer,
-            "q_learning",
-            _LEARNER,
-            look="pink",
-            plots=(MAX_DELTA,),
-        ),
-        Agent(
-            "delta_select",
-            "of several sources the one with the smallest delta along its own path, or none",
-            hp.DeltaSelect,
-            "q_learning",
-            _SELECT,
-            several=True,
-            look="sky",
-            plots=(SOURCE_ACTION,),
-        ),
-        Agent("dqn", "deep Q-learning without transfer", hp.DQN, None, _DEEP, "deep", usual=True, look="grey"),
-        Agent(
-            "es",
-            "explicit shaping: acts on Q + kappa A_src",
-            hp.ExplicitShaping,
-            "dqn",
-            _DEEP,
-            "deep",
-            shown=("advice_fraction",),
-            usual=True,
-            look="blue",
-            plots=_ADVICE,
-        ),
-        Agent(
-            "delta_es",
-            "Algorithm 2: explicit shaping scaled by delta",
-            hp.DeltaShaping,
-            "dqn",
-            _DEEP,
-            "deep",
-            shown=("advice_fraction",),
-            usual=True,
-            algorithm=2,
-            look="vermilion",
-            plots=(*_ADVICE, DELTA_P90),
-        ),
-        Agent(
-            "delta_select_es",
-            "explicit shaping by that of several sources whose delta is smallest, or none",
-            hp.DeltaSelectShaping,
-            "dqn",
-            _DEEP_SELECT,
-            "deep",
-            several=True,
-            shown=("advice_fraction", "threshold"),
-            look="green",
-            plots=_ADVICE,
-        ),
-        Agent(
-            "dpba",
-            "potential-based advice: reward shaping by A_src",
-            hp.PotentialAdvice,
-            "dqn",
-            _DEEP,
-            "deep",
-            look="sky",
-            plots=_ADVICE,
-        ),
-        Agent(
-            "delta_dpba",
-            "potential-based advice scaled by delta",
-            hp.DeltaPotentialAdvice,
-            "dqn",
-            _DEEP,
-            "deep",
-            look="pink",
-            plots=(*_ADVICE, DELTA_P90),
-        ),
+        Q_LEARNING,
+        POLICY_REUSE,
+        PPR,
+        DELTA_GATE,
+        CONFIDENCE_GATE,
+        Q_WARM_START,
+        DELTA_SELECT,
+        DQN_AGENT,
+        ES,
+        DELTA_ES,
+        DELTA_SELECT_ES,
+        DPBA,
+        DELTA_DPBA,
     )
 }
+"""In the order in which they are listed everywhere."""
 
 
 def agents() -> dict[str, Agent]:

@@ -118,12 +118,14 @@ def episode_of(source: Values, seen: Transitions, gamma: float) -> Episode:
     return Episode(float(discounts @ samples), promise, mean_abs, mean_square, len(samples))
 
 
-def self_delta(source: Values, task: str, gamma: float, seed: int, episodes: int = FLOOR_EPISODES) -> SelfDelta:
-    """The noise floor of a source trained on `task`: its greedy policy followed there, by a stream of its own."""
+def self_delta(
+    source: Values, task: str, gamma: float, seed: int, episodes: int = FLOOR_EPISODES, epsilon: float = 0.0
+) -> SelfDelta:
+    """The noise floor of a source trained on `task`: its epsilon-greedy policy followed there, by its own stream."""
     from trainables.tasks.rollout import Rollout
 
     rollout = Rollout(parse_task(task), stream(seed, "calibration", task))
-    found = tuple(episode_of(source, rollout.episode(source), gamma) for _ in range(episodes))
+    found = tuple(episode_of(source, rollout.episode(source, epsilon), gamma) for _ in range(episodes))
     steps = sum(episode.steps for episode in found)
     mean_abs = math.fsum(episode.mean_abs * episode.steps for episode in found) / steps
     square = math.fsum(episode.mean_square * episode.steps for episode in found) / steps

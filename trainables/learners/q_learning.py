@@ -6,6 +6,7 @@ comments are that algorithm's lines.
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -38,16 +39,6 @@ class Reuse(IntEnum):
     """With probability psi."""
     GATE = 3
     """While no pair is over the threshold."""
-
-
-REUSE = {
-    "q_learning": Reuse.NEVER,
-    "q_warm_start": Reuse.NEVER,
-    "policy_reuse": Reuse.ALWAYS,
-    "ppr": Reuse.PSI,
-    "delta_gate": Reuse.GATE,
-    "confidence_gate": Reuse.GATE,
-}
 
 
 class Tables(NamedTuple):
@@ -145,8 +136,8 @@ class TabularLearner(InPlace):
         self._settings = settings
         self._dynamics = parse_task(cell.task).dynamics()
         self._model = model_of(cell.task)
-        self._tables = _tables(cell.agent, self._dynamics, source)
-        self._rule = _rule(cell.agent, settings, source is not None)
+        self._tables = _tables(settings, self._dynamics, source)
+        self._rule = _rule(settings, source is not None)
         self._calibrated = bool(cell.sources) and getattr(settings, "threshold", None) == "auto"
         if self._calibrated:
             self._rule = self._rule._replace(delta=calibrated(cell, self._tables.q_src, self._rule.delta))
@@ -235,31 +226,26 @@ class TabularLearner(InPlace):
         return statistics
 
 
-def _tables(agent: str, dynamics: Dynamics, source: Knowledge | None) -> Tables:
+def _tables(settings: QLearning, dynamics: Dynamics, source: Knowledge | None) -> Tables:
     shape = (dynamics.states, dynamics.actions)
     q_src = np.zeros(shape) if source is None else np.array(source.q_table(shape))
-    q = q_src.copy() if agent == "q_warm_start" else np.zeros(shape)
+    q = q_src.copy() if settings.warm_start else np.zeros(shape)
     return Tables(q, q_src, q_src.max(axis=1), q_src.argmax(axis=1), tabular_estimator.empty_table(*shape))
 
 
-def _threshold(settings: QLearning) -> float:
-    """Delta; infinity for an agent without a gate, and until it is calibrated."""
-    given = settings.threshold if isinstance(settings, DeltaGate | ConfidenceGate) else "auto"
-    return np.inf if given == "auto" else float(given)
-
-
-def _rule(agent: str, settings: QLearning, has_source: bool) -> Rule:
-    confident = isinstance(settings, ConfidenceGate)
+def _rule(settings: QLearning, has_source: bool) -> Rule:
+    threshold = settings.threshold if isinstance(settings, DeltaGate | ConfidenceGate) else math.inf
+    confident = settings if isinstance(settings, ConfidenceGate) else None
     delta = DeltaRule(
-        confident=confident,
+        confident=confident is not None,
         learning_rate=settings.delta_learning_rate if isinstance(settings, Transfer) else 0.0,
-        threshold=_threshold(settings),
-        z=settings.z if isinstance(settings, ConfidenceGate) else 0.0,
-        min_visits=settings.min_visits if isinstance(settings, ConfidenceGate) else 0,
-        sd_floor=settings.sd_floor if isinstance(settings, ConfidenceGate) else 0.0,
+        threshold=math.inf if threshold == "auto" else float(threshold),  # infinity until it is calibrated
+        z=confident.z if confident else 0.0,
+        min_visits=confident.min_visits if confident else 0,
+        sd_floor=confident.sd_floor if confident else 0.0,
     )
     terminal = settings.truncation == "terminal"
-    return Rule(int(REUSE[agent]), has_source, settings.learning_rate, settings.gamma, terminal, delta)
+    return Rule(int(Reuse[settings.reuse.upper()]), has_source, settings.learning_rate, settings.gamma, terminal, delta)
 
 
 def calibrated(cell: Cell, q_src: NDArray[np.float64], rule: DeltaRule) -> DeltaRule:

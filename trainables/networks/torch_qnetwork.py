@@ -15,6 +15,7 @@ from torch import nn
 from trainables.agents.hyperparameters import DQN
 from trainables.errors import InputError
 from trainables.numerics.matmul import F32
+from trainables.numerics.threads import one_thread
 
 
 class TorchNetwork:
@@ -33,6 +34,7 @@ class TorchNetwork:
 
         Raises InputError where there is no GPU or no such module factory, or the module's output does not fit.
         """
+        one_thread()  # whoever trains the cell: torch's sums depend on it
         if settings.device == "cuda" and not torch.cuda.is_available():
             raise InputError("device 'cuda' was asked for, but torch finds no GPU")
         self._device = torch.device(settings.device)

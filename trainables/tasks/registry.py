@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import functools
+from typing import TYPE_CHECKING
 
 from trainables.errors import InputError, unknown
 from trainables.plugins import entry_points, names
 from trainables.tasks import custom, gymnasium_task
 from trainables.tasks.spec.family import ContextFeature, Task, TaskFamily, Value, split_features
-from trainables.tasks.spec.tabular_model import TransitionModel
+
+if TYPE_CHECKING:
+    from trainables.tasks.spec.tabular_model import TransitionModel
 
 __all__ = ["ContextFeature", "Task", "TaskFamily", "Value", "all_families", "families", "parse_task"]
 

@@ -23,13 +23,14 @@ class Rollout:
         """(inputs, actions)."""
         return self._env.inputs, self._env.actions
 
-    def episode(self, source: Values | None) -> Transitions:
-        """One episode under the source's greedy policy; under uniformly random actions without one."""
+    def episode(self, source: Values | None, epsilon: float = 0.0) -> Transitions:
+        """One episode under the source's epsilon-greedy policy; under uniformly random actions without one."""
         observation = self._env.reset(int(self._rng.integers(2**31)))
         steps: list[tuple[Any, ...]] = []
         done = False
         while not done:
-            greedy = None if source is None else int(source.rows(observation[None])[0].argmax())
+            explores = source is None or (epsilon > 0 and self._rng.random() < epsilon)
+            greedy = None if source is None or explores else int(source.rows(observation[None])[0].argmax())
             action = int(self._rng.integers(self._env.actions)) if greedy is None else greedy
             after, reward, terminated, truncated = self._env.step(action)
             steps.append((observation, action, reward, after, terminated))

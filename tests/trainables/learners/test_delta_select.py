@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trainables import curve
+from trainables.agents.hyperparameters import DeltaSelectShaping
 from trainables.cell import Cell, Source
 from trainables.delta.exact import exact_q
 from trainables.errors import InputError
@@ -15,7 +16,10 @@ from trainables.evaluation import expected_return
 from trainables.knowledge import Knowledge, joined, parts
 from trainables.learners import delta_select
 from trainables.learners.delta_select import NONE, PathDelta, choose
+from trainables.learners.delta_select_es import Selection
+from trainables.networks.network import new_network
 from trainables.storage.checkpoint import load, save
+from trainables.tasks.rollout import Transitions
 from trainables.training.train import Training, source_knowledge, train
 
 WINDS = [f"windy_gridworld:wind={name}" for name in ("source", "small", "additional_1", "additional_2", "reversed")]
@@ -184,7 +188,7 @@ def test_a_deep_cell_resumes_bit_for_bit_with_its_choice(networks, tmp_path) -> 
 
 def test_sources_whose_delta_exceeds_what_it_is_at_home_give_no_advice(networks) -> None:
     # On a target where nothing is as at home, with no excess allowed and none given to chance.
-    points = list(train(_deep_cell(threshold=0.0, z=0.0), joined(networks)))
+    points = list(train(_deep_cell(threshold=0.0, z=0.0, floor="greedy"), joined(networks)))
     advised = [point for point in points[2:] if point.statistics["source"] != -1.0]
     assert all(point.statistics["delta_excess"] <= 0.0 for point in advised)
     others = [point for point in points[2:] if point.statistics["source"] == -1.0]
@@ -197,3 +201,20 @@ def test_the_source_with_the_smaller_delta_gives_the_advice(networks) -> None:
     for order in ([wrong, networks[1]], [networks[1], wrong]):
         last = list(train(_deep_cell(threshold=1e9), joined(order)))[-1]
         assert last.statistics["source"] == (1.0 if order[0] is wrong else 0.0)
+
+
+def test_delta_is_held_against_what_it_is_at_home_with_as_much_exploration(networks) -> None:
+    """A network errs where its own policy does not go: with epsilon 1 a delta of 4 is as at home, with .1 it is not."""
+    settings = _deep_cell(1, z=0.0, threshold=1.0).settings
+    assert isinstance(settings, DeltaSelectShaping)
+    network = new_network(settings, 4, 2, 1.0)  # Q_src is 0, so that delta is the reward
+    states = np.zeros((50, 4), np.float32)
+    seen = Transitions(states, np.zeros(50, np.int64), np.full(50, 4, np.float32), states, np.zeros(50, np.bool_))
+    exploring = np.array([[0.1, 0.2, 0.4, 4.0]])
+    excess = []
+    for floors, epsilon in ((exploring, 1.0), (exploring, 0.1), (exploring[:, :1], 1.0)):
+        selection = Selection(settings, [network], floors, 100)
+        selection.observe(seen, 5, epsilon)
+        excess.append(selection.excess)
+        assert (selection.chosen == NONE) == (selection.excess > 1.0)
+    assert excess == pytest.approx([0.0, 3.8, 3.9], abs=1e-6)

@@ -374,6 +374,17 @@ def test_a_module_of_the_users_own_trains_and_resumes(agent: str, tmp_path: Path
     assert resumed.knowledge().digest == whole.knowledge().digest
 
 
+def test_a_module_is_computed_by_one_thread_whoever_trains_it() -> None:
+    """The sums of several threads are others, so that a replay would not agree with its worker."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        train(Cell.create("dqn", "cartpole", 0, SMALL | {"module": f"{__name__}:tiny_module"}))
+        assert torch.get_num_threads() == 1
+    finally:
+        torch.set_num_threads(before)
+
+
 def random_module(inputs: int, actions: int) -> torch.nn.Module:
     """A module that draws a parameter of its own."""
     module = torch.nn.Sequential(torch.nn.Linear(inputs, actions))

@@ -1,0 +1,1 @@
+"""The agents that come with deltatune, a file for each or for a family of them."""

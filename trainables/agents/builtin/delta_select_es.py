@@ -1,0 +1,42 @@
+"""Explicit shaping by one source of a library."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal
+
+from trainables.agents.agent import Agent
+from trainables.agents.base import Count, NonNegative
+from trainables.agents.builtin.explicit_shaping import ExplicitShaping
+from trainables.agents.plots import ADVICE_FACTOR, KAPPA
+
+
+class DeltaSelectShaping(ExplicitShaping):
+    """Explicit shaping by the source of a library with the smallest delta, or by none; beyond the paper."""
+
+    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({"floor": "greedy"})
+
+    threshold: NonNegative = 1.0
+    """Advice is taken from a source only while its delta exceeds the delta on its own task by no more than this."""
+    z: NonNegative = 3.0
+    """Standard errors, over episodes, that delta's excess is given to chance."""
+    floor: Literal["exploring", "greedy"] = "exploring"
+    """How the source's own task is walked through for the delta there: with as much exploration as there is in the
+    target's transitions, so that like is held against like, or greedily."""
+    memory: Count = 100
+    """Episodes after which a sample of delta counts for 1/e of a new one."""
+
+
+DELTA_SELECT_ES = Agent(
+    "delta_select_es",
+    "explicit shaping by that of several sources whose delta is smallest, or none",
+    DeltaSelectShaping,
+    "dqn",
+    "trainables.learners.delta_select_es:DeepSelectLearner",
+    "deep",
+    several=True,
+    shown=("advice_fraction", "threshold"),
+    look="green",
+    plots=(KAPPA, ADVICE_FACTOR),
+)

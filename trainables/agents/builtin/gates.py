@@ -1,0 +1,75 @@
+"""Algorithm 1: the gate of the paper, by the size of delta, and one that asks for significance."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field
+
+from trainables.agents.agent import Agent
+from trainables.agents.base import NonNegative, Positive
+from trainables.agents.builtin.q_learning import LEARNER, Transfer
+from trainables.agents.plots import GATE_OPEN, MAX_DELTA
+
+
+def _threshold(value: object) -> object:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if value != "auto" and not (number and 0 <= float(str(value)) < math.inf):
+        raise ValueError(f"must be a finite number of at least 0, or auto (got {value!r})")
+    return value
+
+
+Threshold = Annotated[float | Literal["auto"], BeforeValidator(_threshold)]
+"""auto: the noise floor of the source, what its delta comes to on its own task (`delta.noise_floor`)."""
+
+
+class DeltaGate(Transfer):
+    """Algorithm 1."""
+
+    reuse = "gate"
+
+    threshold: Threshold = 10.0
+    """Delta: the gate is open iff no |delta(s,a)| exceeds it (Table 5); auto: the source's own noise floor."""
+
+
+class ConfidenceGate(Transfer):
+    """Algorithm 1 with a gate that asks for significance, not for size alone; beyond the paper."""
+
+    reuse = "gate"
+
+    threshold: Threshold = 1.0
+    """Delta: the gate closes iff some |mean| - z se exceeds it; auto: the source's own noise floor."""
+    z: NonNegative = 3.0
+    """Standard errors that are given to chance."""
+    min_visits: Annotated[int, Field(ge=2)] = 5
+    """Visits before a pair counts."""
+    sd_floor: Positive = 0.3
+    """se = max(sd, sd_floor) / sqrt(n)."""
+
+
+DELTA_GATE = Agent(
+    "delta_gate",
+    "Algorithm 1: the source policy while max |delta| <= threshold",
+    DeltaGate,
+    "q_learning",
+    LEARNER,
+    shown=("threshold",),
+    usual=True,
+    algorithm=1,
+    look="vermilion",
+    plots=(GATE_OPEN, MAX_DELTA),
+    own_scale=(),
+)
+
+CONFIDENCE_GATE = Agent(
+    "confidence_gate",
+    "Algorithm 1 with a gate that asks for significance",
+    ConfidenceGate,
+    "q_learning",
+    LEARNER,
+    shown=("threshold",),
+    usual=True,
+    look="green",
+    plots=(GATE_OPEN, MAX_DELTA),
+)
