@@ -10,6 +10,12 @@ from typing import Annotated
 import typer
 
 from deltatune.cli.app import RESULTS, Json, Storage, Sweep, TrackingUri, app, out, print_json, print_named, program
+from orchestrator.export.formats import FORMATS, write
+
+Format = StrEnum("Format", list(FORMATS))  # type: ignore[misc]  # its members are data
+"""What `export` can write."""
+
+YAML = Format("yaml")
 
 
 @app.command()
@@ -68,17 +74,6 @@ def report(
         typer.launch(files[0].as_uri())
 
 
-class Format(StrEnum):
-    """What `export` can write."""
-
-    YAML = "yaml"
-    JSON = "json"
-    SB3 = "sb3"
-    CSV = "csv"
-    PARQUET = "parquet"
-    LATEX = "latex"
-
-
 @app.command()
 def export(
     name: Sweep,
@@ -86,13 +81,16 @@ def export(
         Format,
         typer.Option(
             "--format",
-            help="yaml, json: the best hyperparameters; sb3: the same as keyword arguments of stable-baselines3's DQN; "
-            "csv, parquet: the results, cells and points; latex: Table 1.",
+            help="; ".join(f"{name}: {form.what}" for name, form in FORMATS.items()),
         ),
-    ] = Format.YAML,
+    ] = YAML,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="The file to write (csv, parquet: the folder); default: by the format."),
+        typer.Option(
+            "-o",
+            "--output",
+            help="The file to write (csv, parquet: the folder of all tables, or the file of the configurations).",
+        ),
     ] = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
@@ -102,7 +100,6 @@ def export(
     Or, with --format, its results and its Table 1 for other programs.
     """
     from orchestrator.analysis.findings import find
-    from orchestrator.export.formats import write
     from orchestrator.results.sweep_folder import Results
 
     written = write(find(Results.open(storage, name)), kind.value, output)

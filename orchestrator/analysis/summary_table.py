@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
+
+import pandas as pd
 
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import settings_text, varied
@@ -56,3 +58,10 @@ def numbers(group: Group) -> dict[str, Any]:
     for metric in METRICS:
         record |= metric.numbers(group.estimates.get(metric.key))
     return record
+
+
+def number_table(groups: Sequence[Group]) -> pd.DataFrame:
+    """Return the table of numbers: a row per configuration, a column per number."""
+    table = pd.DataFrame([numbers(group) for group in groups])
+    floats = [name for metric in METRICS for name in metric.numbers(None)]
+    return table.astype(dict.fromkeys(floats, "float64")) if len(table) else table

@@ -13,6 +13,7 @@ import yaml
 
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.paper_table1 import TABLE_1, same_row
+from orchestrator.analysis.summary_table import number_table
 from orchestrator.export.formats import FORMATS, write
 from orchestrator.export.latex import escape, table_1
 from orchestrator.export.sb3 import dqn_arguments
@@ -59,13 +60,33 @@ def deep(storage: Path, **settings: object) -> Findings:
 @pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_the_results_are_the_same_as_csv_and_as_parquet(small: Findings, tmp_path: Path, form: str) -> None:
     written = write(small, form, tmp_path / "out")
-    assert [path.name for path in written.files] == [f"cells.{form}", f"points.{form}"]
-    for path, table in zip(written.files, (small.cells, small.points), strict=True):
+    names = [f"{name}.{form}" for name in ("configurations", "cells", "points")]
+    assert [path.name for path in written.files] == names
+    for path, table in zip(written.files, (number_table(small.groups), small.cells, small.points), strict=True):
         read = pd.read_csv(path) if form == "csv" else pd.read_parquet(path)
         assert list(read.columns) == list(table.columns)
         assert len(read) == len(table)
     assert read["greedy_return"].sum() == pytest.approx(small.points["greedy_return"].sum())
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"cells.{form}", f"points.{form}"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == set(names)
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_file_is_written_as_one_file_with_a_number_in_every_cell(small: Findings, tmp_path: Path, form: str) -> None:
+    path = tmp_path / "new" / f"a.{form}"
+    assert write(small, form, path).files == (path,)
+    table = pd.read_csv(path) if form == "csv" else pd.read_parquet(path)
+    best = next(group for group in small.groups if group.against_base)
+    row = table[table["hyperparameters"] == json.dumps(dict(best.hyperparameters), sort_keys=True)]
+    row = row[(row["agent"] == best.agent) & (row["task"] == best.task) & (row["source"] == best.source)].iloc[0]
+    assert best.auc is not None
+    assert best.against_base is not None
+    assert (row["auc"], row["auc_sd"]) == pytest.approx((best.auc.value, best.auc.sd))
+    assert (row["transfer_ratio"], row["transfer_ratio_low"]) == pytest.approx(
+        (best.against_base.transfer_ratio.value, best.against_base.transfer_ratio.low)
+    )
+    assert row["verdict"] == best.verdict
+    with pytest.raises(InputError, match=f"a.other is the name|give --format {form}"):
+        write(small, {"csv": "parquet", "parquet": "csv"}[form], path)
 
 
 def test_yaml_and_json_hold_the_same(small: Findings, tmp_path: Path) -> None:
@@ -128,9 +149,12 @@ def test_nothing_is_exported_before_something_is_done(small: Findings, tmp_path:
 
 
 def test_the_command_offers_every_format() -> None:
-    from deltatune.cli.sweeps import Format
+    from typer.testing import CliRunner
 
-    assert [form.value for form in Format] == list(FORMATS)
+    from deltatune.cli.main import app
+
+    text = CliRunner().invoke(app, ["export", "--help"], env={"COLUMNS": "300"}).output
+    assert all(name in text for name in FORMATS)
 
 
 def test_latex_is_a_whole_table(small: Findings) -> None:
