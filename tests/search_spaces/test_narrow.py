@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+import yaml
 from small_space import SMALL
 
 from orchestrator.planning.plan import source_arms, transfer_arms
@@ -13,6 +16,7 @@ from search_spaces.loading import load, parse
 from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError
 
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 SMALL_WIND, REVERSED = "windy_gridworld:wind=small", "windy_gridworld:wind=reversed"
 CHAIN = {"source": {"task": "supply_chain"}, "targets": ["supply_chain:demand_mean=5"]}
 
@@ -120,3 +124,20 @@ def test_hyperparameters_that_are_set_are_what_runs() -> None:
     assert {values["learning_rate"] for values in arms[0]["windy_gridworld"].grid} == {0.1}
     transfers = transfer_arms(space, settle(arms, {}, untrained), {})
     assert {values["nu"] for arm in transfers if arm.agent == "ppr" for values in arm.grid} == {0.9}
+
+
+def test_a_library_goes_with_the_last_agent_that_chooses_from_it() -> None:
+    space = load("choose-source")
+    assert not any(scenario.source.library for scenario in narrow(space, agents=["delta_gate"]).scenarios)
+    kept = narrow(space, agents=["delta_gate", "delta_select"])
+    assert [scenario.source for scenario in kept.scenarios] == [scenario.source for scenario in space.scenarios]
+
+
+def test_a_file_beside_the_search_space_need_not_be_in_the_working_folder(tmp_path: Path) -> None:
+    (tmp_path / "beside.py").write_bytes((EXAMPLES / "tank.py").read_bytes())
+    scenario = {"source": {"task": "beside.py:Task", "agent": "dqn"}, "targets": ["beside.py:Task:leak=1.5x"]}
+    data = {"schema": 1, "name": "beside", "seeds": 1, "scenarios": [scenario], "agents": {"dqn": {}}}
+    (tmp_path / "beside.yaml").write_text(yaml.safe_dump(data))
+    space = load(str(tmp_path / "beside.yaml"))
+    target = space.scenarios[0].targets[0]
+    assert narrow(space, tasks=["beside.py:Task:leak=1.5x"]) == narrow(space, tasks=[target]) == space

@@ -230,6 +230,13 @@ def test_a_learned_source_names_its_cell_and_an_exact_one_does_not() -> None:
         _gate(source=Source(task="windy", kind="exact"))
 
 
+def test_the_id_and_the_group_are_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = _gate()
+    before = cell.id, cell.group
+    monkeypatch.setattr("trainables.cell.content_id", lambda data: pytest.fail("hashed again"))
+    assert (cell.id, cell.group) == before
+
+
 def test_a_library_without_a_source_beside_it_is_refused() -> None:
     data = _gate().to_json() | {"agent": "delta_select", "hyperparameters": {}, "source": None}
     with pytest.raises(InputError, match="a cell with a library needs a source"):

@@ -18,6 +18,9 @@ from trainables.cell import Cell
 from trainables.delta.exact import exact_q
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
+from trainables.plugins import loader
+from trainables.plugins.loader import canonicalise
+from trainables.training.train import train
 
 runner = CliRunner()
 
@@ -113,3 +116,21 @@ def test_what_cannot_be_ranked_is_refused_in_a_sentence(storage: str, arguments:
     with pytest.raises(InputError, match=why) as caught:
         _run("rank", *arguments, "--storage", storage)
     assert "\n" not in str(caught.value)
+
+
+def test_sources_of_a_custom_task_are_ranked_by_the_name_of_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    example = Path(__file__).parents[3] / "docs" / "examples" / "tank.py"
+    (tmp_path / "tank.py").write_text(example.read_text() + "# of this test\n")
+    monkeypatch.chdir(tmp_path)
+    short = {"episodes": 4, "evaluate_every": 2, "evaluation_episodes": 1, "hidden_size": 8, "batch_size": 4}
+    cell = Cell.create("dqn", canonicalise("tank.py:Task"), 0, short)
+    training = train(cell)
+    assert len(list(training)) == 3
+    SourceLibrary(tmp_path / "results").save(cell, training.knowledge())
+    monkeypatch.setattr(loader, "_LOADED", {})
+    options = ("--sources", "tank.py:Task", "--file", "tank.py", "--episodes", "2", "--json")
+    result = runner.invoke(app, ["rank", "tank.py:Task:leak=1.5x", *options])
+    assert result.exit_code in (0, 3), result.output
+    assert [row["id"] for row in json.loads(result.stdout)["sources"]] == [cell.id]
