@@ -46,8 +46,7 @@ class QNetwork:
             self._work = beside._work
         else:
             self._work = mlp.workspace(self.sizes, max(batch_size, 64))
-        self._trained = self.sizes, self.parameters, self.first, self.second, *self._work[:4], self._work.ones
-        self._rows = mlp.aligned(int(self.sizes[0]) * len(self._work.ones))
+        self._trained = self.sizes, self.parameters, self.first, self.second, self._work
         self._row = mlp.aligned(int(self.sizes[1:].sum()))
         if generator is not None:
             self._initialise(generator)
@@ -73,7 +72,7 @@ class QNetwork:
     def rows(self, observations: F32) -> F32:
         """Q(s, .) of many observations (n, obs_dim), as (n, actions)."""
         out = np.empty((len(observations), int(self.sizes[-1])), np.float32)
-        mlp.outputs(self.sizes, self.parameters, *self._work, self._rows, np.ascontiguousarray(observations), out)
+        mlp.outputs(self.sizes, self.parameters, self._work, np.ascontiguousarray(observations), out)
         return out
 
     def vector(self) -> F32:

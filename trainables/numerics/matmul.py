@@ -2,7 +2,9 @@
 
 Each element of a product is one chain of fused multiply-adds in the order of k, whatever the width of the
 machine's vectors and the number of its cores, so a result never depends on a BLAS library's choice of kernel.
-All matrices lie in flat arrays and are named by an offset and two strides, counted in elements.
+
+The right factor and the result lie in panels of WIDTH columns: element (i, j) of a matrix of m rows at
+(j // WIDTH) * m * WIDTH + i * WIDTH + j % WIDTH. All arrays are flat; places are offsets, counted in elements.
 """
 
 from __future__ import annotations
@@ -12,23 +14,89 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from trainables.agents.tiles import tile, tile1, tile2, tile4
 from trainables.numerics.jit import compiled
 from trainables.numerics.simd import (
     LANES,
     ROWS,
     WIDTH,
     WORD,
-    copy_panel,
+    copy_rows,
     dots1,
     dots8,
-    tile1,
-    tile2,
-    tile4,
-    tile8,
+    lane_sums,
+    squares1,
+    squares8,
     transpose_block,
 )
 
 F32 = NDArray[np.float32]
+I64 = NDArray[np.int64]
+
+
+@compiled
+def padded(count: int) -> int:
+    """The columns of the panels that hold `count`."""
+    return (count + WIDTH - 1) // WIDTH * WIDTH
+
+
+@compiled
+def product(
+    m: int, k: int, a: F32, a0: int, a_row: int, a_at: I64, b: F32, b0: int, b_at: I64, c: F32, c0: int, c_at: I64,
+    finish: int, other: F32, other0: int, alive: I64,
+) -> None:  # fmt: skip
+    """C (m, WIDTH) = A (m, k) @ B (k, WIDTH), for k >= 1, as `tiles` says of its m rows."""
+    i = 0
+    while m - i >= ROWS:
+        tile(a, a0 + i * a_row, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive)
+        i += ROWS
+    if m - i >= 4:
+        tile4(a, a0 + i * a_row, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive)
+        i += 4
+    if m - i >= 2:
+        tile2(a, a0 + i * a_row, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive)
+        i += 2
+    if m - i >= 1:
+        tile1(a, a0 + i * a_row, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive)
+
+
+@compiled
+def pack(a: F32, a0: int, a_at: I64, k: int, columns: int, panel: F32, p0: int) -> None:
+    """Copy `columns` elements of each of the k rows at a0 + a_at into the panel (k, WIDTH), zeros to their right."""
+    if columns == WIDTH and k:
+        copy_rows(a, a0, a_at, k, panel, p0)
+        return
+    for i in range(k):
+        row, source = p0 + i * WIDTH, a0 + a_at[i]
+        for j in range(columns):
+            panel[row + j] = a[source + j]
+        panel[row + columns : row + WIDTH] = 0.0
+
+
+@compiled
+def transpose(a: F32, a0: int, a_at: I64, step: int, columns: int, used: int, rows: int, b: F32, b0: int) -> None:
+    """Write the first `used` elements of A's rows as the columns of B (rows, columns), used a multiple of WIDTH.
+
+    Row j of A lies in pieces of WIDTH elements, the first at a0 + a_at[j] and the others `step` apart. a_at has an
+    offset for each column of B's panels, beyond `columns` any row's.
+    """
+    for j in range(0, padded(columns), WORD):
+        panel = b0 + j // WIDTH * rows * WIDTH + j % WIDTH
+        for i in range(0, used, WORD):
+            transpose_block(a, a0 + i // WIDTH * step + i % WIDTH, a_at, j, b, panel + i * WIDTH, WIDTH)
+
+
+@compiled
+def column_sums(rows: int, a: F32, a0: int, c: F32, c0: int) -> None:
+    """The sums of the columns of a panel (rows, WIDTH), in the order of `dots` with a vector of ones."""
+    chunks = rows // LANES
+    if chunks:
+        lane_sums(a, a0, WIDTH, chunks, c, c0)
+    else:
+        c[c0 : c0 + WIDTH] = 0.0
+    for row in range(chunks * LANES, rows):
+        for j in range(WIDTH):
+            c[c0 + j] += a[a0 + row * WIDTH + j]
 
 
 @compiled
@@ -57,85 +125,14 @@ def norm(a: F32) -> float:
     """The square root of the sum of squares, in eight chains of LANES sums each."""
     part = len(a) // (8 * LANES) * LANES
     sums = np.zeros(9, np.float32)
-    for i in range(8 if part else 0):
-        dots1(a, i * part, 0, a, i * part, part // LANES, sums, i)
-    rest = len(a) - 8 * part
-    dots(1, rest, a, 8 * part, 0, a, 8 * part, sums, 8)
+    if part:
+        squares8(a, 0, part, a, 0, part // LANES, sums, 0)
+    rest = (len(a) - 8 * part) // LANES
+    if rest:
+        squares1(a, 8 * part, 0, a, 0, rest, sums, 8)
+    for i in range(8 * part + rest * LANES, len(a)):
+        sums[8] += a[i] * a[i]
     total = 0.0
     for i in range(9):
         total += sums[i]
     return math.sqrt(total)
-
-
-@compiled
-def _pack(b: F32, b0: int, b_k: int, b_col: int, k: int, columns: int, panel: F32) -> None:
-    """Copy B (k, columns) into the panel (k, WIDTH), zeros to its right."""
-    blocks = 0
-    if columns < WIDTH:
-        panel[: k * WIDTH] = 0.0
-    elif b_col == 1:
-        copy_panel(b, b0, b_k, panel, k)
-        return
-    elif b_k == 1:
-        blocks = k // WORD
-        for block in range(blocks):
-            for j in range(0, WIDTH, WORD):
-                at = block * WORD
-                transpose_block(b, b0 + at + j * b_col, b_col, panel, at * WIDTH + j, WIDTH)
-    for i in range(blocks * WORD, k):
-        for j in range(columns):
-            panel[i * WIDTH + j] = b[b0 + i * b_k + j * b_col]
-
-
-@compiled
-def _column(m: int, k: int, a: F32, a0: int, a_row: int, a_k: int, panel: F32, c: F32, c0: int, c_row: int) -> None:
-    """C (m, WIDTH) = A (m, k) @ panel (k, WIDTH)."""
-    i = 0
-    while m - i >= 8 and ROWS >= 8:
-        tile8(a, a0 + i * a_row, a_row, a_k, panel, 0, k, c, c0 + i * c_row, c_row)
-        i += 8
-    while m - i >= 4:
-        tile4(a, a0 + i * a_row, a_row, a_k, panel, 0, k, c, c0 + i * c_row, c_row)
-        i += 4
-    if m - i >= 2:
-        tile2(a, a0 + i * a_row, a_row, a_k, panel, 0, k, c, c0 + i * c_row, c_row)
-        i += 2
-    if m - i == 1:
-        tile1(a, a0 + i * a_row, a_row, a_k, panel, 0, k, c, c0 + i * c_row, c_row)
-
-
-@compiled
-def matmul(
-    m: int,
-    n: int,
-    k: int,
-    a: F32,
-    a0: int,
-    a_row: int,
-    a_k: int,
-    b: F32,
-    b0: int,
-    b_k: int,
-    b_col: int,
-    c: F32,
-    c0: int,
-    c_row: int,
-    c_col: int,
-    scratch: F32,
-) -> None:
-    """C (m, n) = A (m, k) @ B (k, n). scratch: at least (k + max(m, n)) * MOST_WIDTH floats."""
-    if n < m and n < WIDTH:  # full panels of A transposed are less work than a panel of B that is mostly empty
-        m, n = n, m
-        a, a0, a_row, a_k, b, b0, b_k, b_col = b, b0, b_col, b_k, a, a0, a_k, a_row
-        c_row, c_col = c_col, c_row
-    edge = k * WIDTH
-    for j in range(0, n, WIDTH):
-        columns = min(WIDTH, n - j)
-        _pack(b, b0 + j * b_col, b_k, b_col, k, columns, scratch)
-        if columns == WIDTH and c_col == 1:
-            _column(m, k, a, a0, a_row, a_k, scratch, c, c0 + j, c_row)
-        else:
-            _column(m, k, a, a0, a_row, a_k, scratch, scratch, edge, WIDTH)
-            for at in range(columns):
-                for i in range(m):
-                    c[c0 + i * c_row + (j + at) * c_col] = scratch[edge + i * WIDTH + at]

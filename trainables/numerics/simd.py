@@ -16,9 +16,10 @@ from numba import extending
 from numba.core import cgutils, types
 
 
-def _intrinsic(code: Callable[..., Any]) -> Any:
-    intrinsic: Any = extending.intrinsic
-    return intrinsic(code)
+def intrinsic(code: Callable[..., Any]) -> Any:
+    """Make of `code` a function that compiled code can call; numba's own, without types."""
+    decorator: Any = extending.intrinsic
+    return decorator(code)
 
 
 LANES = 16
@@ -30,7 +31,7 @@ def _host_tile() -> tuple[int, int, int]:
     features = llvmlite.binding.get_host_cpu_features()
     if features.get("avx512f"):
         return 8, 2, 16
-    return 4, 2, 8 if features.get("avx2") else 4
+    return 6, 2, 8 if features.get("avx2") else 4
 
 
 ROWS, VECTORS, WORD = _host_tile()
@@ -41,34 +42,49 @@ MOST_WIDTH = 32
 """Columns of the widest panel of any machine. Room is made for that: kernels in a shared cache may be another one's."""
 
 
-def _pointer(context: Any, builder: Any, array_type: Any, array: Any, offset: Any) -> Any:
+def pointer(context: Any, builder: Any, array_type: Any, array: Any, offset: Any) -> Any:
+    """Return the address of an element of a flat array."""
     data = context.make_array(array_type)(context, builder, array).data
     return builder.gep(data, [offset])
 
 
-def _vector_fma(builder: Any, vector: Any) -> Any:
+def vector_fma(builder: Any, vector: Any) -> Any:
+    """Return the fused multiply-add of this vector type."""
     signature = ir.FunctionType(vector, [vector] * 3)
     insert: Any = cgutils.get_or_insert_function
     return insert(builder.module, signature, f"llvm.fma.v{vector.count}f32")
 
 
-def _load(builder: Any, pointer: Any, vector: Any) -> Any:
+def load(builder: Any, pointer: Any, vector: Any) -> Any:
+    """Return the vector at any place of a float array."""
     loaded = builder.load(builder.bitcast(pointer, vector.as_pointer()))
     loaded.align = 4
     return loaded
 
 
-def _broadcast(builder: Any, value: Any, vector: Any) -> Any:
+def store(builder: Any, value: Any, pointer: Any) -> None:
+    """Write a vector to any place of a float array."""
+    builder.store(value, builder.bitcast(pointer, value.type.as_pointer())).align = 4
+
+
+def broadcast(builder: Any, value: Any, vector: Any) -> Any:
+    """Return the vector that has `value` everywhere."""
     one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     mask = ir.Constant(ir.VectorType(ir.IntType(32), vector.count), [0] * vector.count)
     return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), mask)
 
 
-def _zero(vector: Any) -> Any:
+def fence(builder: Any) -> None:
+    """Keep LLVM from moving loads across, and from unrolling the loop: both would spill sums. It costs nothing."""
+    builder.asm(ir.FunctionType(ir.VoidType(), []), "", "", [], True)
+
+
+def zero(vector: Any) -> Any:
+    """Return the vector of zeros."""
     return ir.Constant(vector, [0.0] * vector.count)
 
 
-def _loop(builder: Any, count: Any, initial: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> list[Any]:
+def loop(builder: Any, count: Any, initial: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> list[Any]:
     """`for i in range(count)` with values carried in registers: body(i, carried) -> carried. count >= 1."""
     before = builder.block
     block = builder.append_basic_block("k")
@@ -89,53 +105,6 @@ def _loop(builder: Any, count: Any, initial: list[Any], body: Callable[[Any, lis
     return results
 
 
-def _tile(rows: int) -> Any:
-    """The intrinsic tile(a, a0, a_row, a_k, panel, p0, k, c, c0, c_row): C (rows, WIDTH) = A (rows, k) @ panel."""
-
-    @_intrinsic
-    def tile(
-        typing: Any, a: Any, a0: Any, a_row: Any, a_k: Any, panel: Any, p0: Any, k: Any, c: Any, c0: Any, c_row: Any
-    ) -> Any:
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            a, a0, a_row, a_k, panel, p0, k, c, c0, c_row = args
-            vector = ir.VectorType(ir.FloatType(), WORD)
-            fma = _vector_fma(builder, vector)
-            a_at = _pointer(context, builder, signature.args[0], a, a0)
-            p_at = _pointer(context, builder, signature.args[4], panel, p0)
-            c_at = _pointer(context, builder, signature.args[7], c, c0)
-            number = k.type
-
-            def body(index: Any, sums: list[Any]) -> list[Any]:
-                row_of_b = builder.gep(p_at, [builder.mul(index, ir.Constant(number, WIDTH))])
-                b = [
-                    _load(builder, builder.gep(row_of_b, [ir.Constant(number, v * WORD)]), vector)
-                    for v in range(VECTORS)
-                ]
-                column_of_a = builder.gep(a_at, [builder.mul(index, a_k)])
-                out = []
-                for r in range(rows):
-                    at = builder.gep(column_of_a, [builder.mul(a_row, ir.Constant(number, r))])
-                    x = _broadcast(builder, builder.load(at), vector)
-                    out += [builder.call(fma, [x, b[v], sums[r * VECTORS + v]]) for v in range(VECTORS)]
-                return out
-
-            sums = _loop(builder, k, [_zero(vector)] * (rows * VECTORS), body)
-            for r in range(rows):
-                row_of_c = builder.gep(c_at, [builder.mul(c_row, ir.Constant(number, r))])
-                for v in range(VECTORS):
-                    at = builder.gep(row_of_c, [ir.Constant(number, v * WORD)])
-                    builder.store(sums[r * VECTORS + v], builder.bitcast(at, vector.as_pointer())).align = 4
-            return context.get_dummy_value()
-
-        size = types.intp
-        return types.void(a, size, size, size, panel, size, size, c, size, size), codegen
-
-    return tile
-
-
-tile8, tile4, tile2, tile1 = (_tile(min(rows, ROWS)) for rows in (8, 4, 2, 1))
-
-
 def _pairwise(builder: Any, total: Any) -> Any:
     """The sum of a vector: its halves added, and again until one number is left."""
     half = LANES // 2
@@ -150,32 +119,33 @@ def _pairwise(builder: Any, total: Any) -> Any:
     return builder.extract_element(total, ir.Constant(ir.IntType(32), 0))
 
 
-def _dots(rows: int) -> Any:
+def _dots(rows: int, squares: bool = False) -> Any:
     """The intrinsic dots(a, a0, a_row, b, b0, chunks, c, c0): c (rows,) = A (rows, chunks * LANES) @ b.
 
-    Each row has one chain of sums for every lane; the lanes are then added in pairs.
+    Each row has one chain of sums for every lane; the lanes are then added in pairs. squares: of A with itself, not b.
     """
 
-    @_intrinsic
+    @intrinsic
     def dots(typing: Any, a: Any, a0: Any, a_row: Any, b: Any, b0: Any, chunks: Any, c: Any, c0: Any) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             a, a0, a_row, b, b0, chunks, c, c0 = args
             vector, number = ir.VectorType(ir.FloatType(), LANES), a_row.type
-            fma = _vector_fma(builder, vector)
-            a_at = _pointer(context, builder, signature.args[0], a, a0)
-            b_at = _pointer(context, builder, signature.args[3], b, b0)
-            c_at = _pointer(context, builder, signature.args[6], c, c0)
+            fma = vector_fma(builder, vector)
+            a_at = pointer(context, builder, signature.args[0], a, a0)
+            b_at = pointer(context, builder, signature.args[3], b, b0)
+            c_at = pointer(context, builder, signature.args[6], c, c0)
 
             def body(index: Any, sums: list[Any]) -> list[Any]:
                 at = builder.mul(index, ir.Constant(number, LANES))
-                y = _load(builder, builder.gep(b_at, [at]), vector)
+                y = None if squares else load(builder, builder.gep(b_at, [at]), vector)
                 out = []
                 for r, total in enumerate(sums):
                     place = builder.add(at, builder.mul(a_row, ir.Constant(number, r)))
-                    out.append(builder.call(fma, [_load(builder, builder.gep(a_at, [place]), vector), y, total]))
+                    x = load(builder, builder.gep(a_at, [place]), vector)
+                    out.append(builder.call(fma, [x, x if y is None else y, total]))
                 return out
 
-            for r, total in enumerate(_loop(builder, chunks, [_zero(vector)] * rows, body)):
+            for r, total in enumerate(loop(builder, chunks, [zero(vector)] * rows, body)):
                 builder.store(_pairwise(builder, total), builder.gep(c_at, [ir.Constant(number, r)]))
             return context.get_dummy_value()
 
@@ -185,55 +155,87 @@ def _dots(rows: int) -> Any:
     return dots
 
 
-dots8, dots1 = _dots(8), _dots(1)
+dots8, dots1, squares8, squares1 = _dots(8), _dots(1), _dots(8, True), _dots(1, True)
 
 
-@_intrinsic
-def transpose_block(typing: Any, a: Any, a0: Any, a_row: Any, b: Any, b0: Any, b_row: Any) -> Any:
-    """Write the transpose of the (WORD, WORD) block at a0 to b0: interleave row i with row i + half, log2 times."""
+@intrinsic
+def lane_sums(typing: Any, a: Any, a0: Any, a_row: Any, chunks: Any, c: Any, c0: Any) -> Any:
+    """Sum WIDTH columns of chunks * LANES rows into c, in the order of `dots` with a vector of ones: chunks >= 1."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        a, a0, a_row, b, b0, b_row = args
+        a, a0, a_row, chunks, c, c0 = args
+        vector, number = ir.VectorType(ir.FloatType(), WORD), a_row.type
+        for v in range(VECTORS):
+            lane = ir.Constant(number, v * WORD)
+            a_at = pointer(context, builder, signature.args[0], a, builder.add(a0, lane))
+            c_at = pointer(context, builder, signature.args[4], c, builder.add(c0, lane))
+
+            def body(index: Any, sums: list[Any], origin: Any = a_at) -> list[Any]:
+                first = builder.mul(index, ir.Constant(number, LANES))
+                places = [builder.mul(a_row, builder.add(first, ir.Constant(number, r))) for r in range(LANES)]
+                rows = [load(builder, builder.gep(origin, [place]), vector) for place in places]
+                return [builder.fadd(total, row) for total, row in zip(sums, rows, strict=True)]
+
+            sums = loop(builder, chunks, [zero(vector)] * LANES, body)
+            while len(sums) > 1:
+                half = len(sums) // 2
+                sums = [builder.fadd(sums[r], sums[r + half]) for r in range(half)]
+            store(builder, sums[0], c_at)
+        return context.get_dummy_value()
+
+    size = types.intp
+    return types.void(a, size, size, size, c, size), codegen
+
+
+@intrinsic
+def transpose_block(typing: Any, a: Any, a0: Any, a_at: Any, i: Any, b: Any, b0: Any, b_row: Any) -> Any:
+    """Write the transpose of a (WORD, WORD) block, whose rows lie at a0 + a_at[i:], to b0.
+
+    Row i is interleaved with row i + half, log2 times.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        a, a0, a_at, i, b, b0, b_row = args
         vector = ir.VectorType(ir.FloatType(), WORD)
-        a_at = _pointer(context, builder, signature.args[0], a, a0)
-        b_at = _pointer(context, builder, signature.args[3], b, b0)
-        size, half = a_row.type, WORD // 2
-        rows = [
-            _load(builder, builder.gep(a_at, [builder.mul(a_row, ir.Constant(size, r))]), vector) for r in range(WORD)
-        ]
+        origin = pointer(context, builder, signature.args[0], a, a0)
+        places = pointer(context, builder, signature.args[2], a_at, i)
+        target = pointer(context, builder, signature.args[4], b, b0)
+        size, half = b_row.type, WORD // 2
+        offsets = [builder.load(builder.gep(places, [ir.Constant(size, r)])) for r in range(WORD)]
+        rows = [load(builder, builder.gep(origin, [offset]), vector) for offset in offsets]
         mask_type = ir.VectorType(ir.IntType(32), WORD)
         masks = [ir.Constant(mask_type, [start + i // 2 + (i % 2) * WORD for i in range(WORD)]) for start in (0, half)]
         for _ in range(WORD.bit_length() - 1):
             rows = [builder.shuffle_vector(rows[i], rows[i + half], mask) for i in range(half) for mask in masks]
         for r, row in enumerate(rows):
-            at = builder.gep(b_at, [builder.mul(b_row, ir.Constant(size, r))])
-            builder.store(row, builder.bitcast(at, vector.as_pointer())).align = 4
+            store(builder, row, builder.gep(target, [builder.mul(b_row, ir.Constant(size, r))]))
         return context.get_dummy_value()
 
     size = types.intp
-    return types.void(a, size, size, b, size, size), codegen
+    return types.void(a, size, a_at, size, b, size, size), codegen
 
 
-@_intrinsic
-def copy_panel(typing: Any, b: Any, b0: Any, b_k: Any, panel: Any, k: Any) -> Any:
-    """Copy the k rows of WIDTH elements at b0, b_k apart, into the panel."""
+@intrinsic
+def copy_rows(typing: Any, a: Any, a0: Any, a_at: Any, k: Any, b: Any, b0: Any) -> Any:
+    """Copy the WIDTH elements at a0 + a_at[i] to b0 + i WIDTH, for i < k; k >= 1."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b, b0, b_k, panel, k = args
+        a, a0, a_at, k, b, b0 = args
         vector = ir.VectorType(ir.FloatType(), WORD)
-        origin = _pointer(context, builder, signature.args[0], b, b0)
-        target = _pointer(context, builder, signature.args[3], panel, ir.Constant(k.type, 0))
+        origin = pointer(context, builder, signature.args[0], a, a0)
+        places = pointer(context, builder, signature.args[2], a_at, ir.Constant(k.type, 0))
+        target = pointer(context, builder, signature.args[4], b, b0)
 
         def body(index: Any, carried: list[Any]) -> list[Any]:
+            row = builder.gep(origin, [builder.load(builder.gep(places, [index]))])
+            write = builder.gep(target, [builder.mul(index, ir.Constant(k.type, WIDTH))])
             for v in range(VECTORS):
                 lane = ir.Constant(k.type, v * WORD)
-                read = builder.gep(origin, [builder.add(builder.mul(index, b_k), lane)])
-                write = builder.gep(target, [builder.add(builder.mul(index, ir.Constant(k.type, WIDTH)), lane)])
-                row = _load(builder, read, vector)
-                builder.store(row, builder.bitcast(write, vector.as_pointer())).align = 4
+                store(builder, load(builder, builder.gep(row, [lane]), vector), builder.gep(write, [lane]))
             return carried
 
-        _loop(builder, k, [], body)
+        loop(builder, k, [], body)
         return context.get_dummy_value()
 
-    return types.void(b, types.intp, types.intp, panel, types.intp), codegen
+    size = types.intp
+    return types.void(a, size, a_at, size, b, size), codegen
