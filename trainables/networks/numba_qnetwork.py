@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from trainables.networks import mlp
+from trainables.networks.workspace import Workspace, aligned, parameter_count, workspace
 from trainables.numerics.matmul import F32
 
 
@@ -37,17 +38,17 @@ class QNetwork:
         so that two networks trained in turn leave each other more of the cache.
         """
         self.sizes = np.array(sizes, dtype=np.int64)
-        self.parameters = mlp.aligned(mlp.parameter_count(self.sizes))
-        self.first, self.second = (mlp.aligned(len(self.parameters)) for _ in range(2))
+        self.parameters = aligned(parameter_count(self.sizes))
+        self.first, self.second = (aligned(len(self.parameters)) for _ in range(2))
         self.updates = 0
         self._settings = learning_rate, max_gradient_norm, huber
-        self._work: mlp.Workspace
+        self._work: Workspace
         if beside is not None and np.array_equal(beside.sizes, self.sizes):
             self._work = beside._work
         else:
-            self._work = mlp.workspace(self.sizes, max(batch_size, 64))
+            self._work = workspace(self.sizes, max(batch_size, 64))
         self._trained = self.sizes, self.parameters, self.first, self.second, self._work
-        self._row = mlp.aligned(int(self.sizes[1:].sum()))
+        self._row = aligned(int(self.sizes[1:].sum()))
         if generator is not None:
             self._initialise(generator)
 

@@ -14,7 +14,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.agents.tiles import tile, tile1, tile2, tile4
 from trainables.numerics.jit import compiled
 from trainables.numerics.simd import (
     LANES,
@@ -29,6 +28,7 @@ from trainables.numerics.simd import (
     squares8,
     transpose_block,
 )
+from trainables.numerics.tiles import tile, tile1, tile2, tile4
 
 F32 = NDArray[np.float32]
 I64 = NDArray[np.int64]

@@ -110,3 +110,31 @@ def test_the_torch_path_learns_the_same() -> None:
 def test_a_wrong_module_factory_is_refused(name: str) -> None:
     with pytest.raises(InputError, match="module:factory"):
         TorchNetwork(DQN(module=name), 4, 2, 1e-3, None)
+
+
+@pytest.mark.parametrize(
+    "dead", [(slice(0, 5), slice(3, 40)), (slice(0, 0), slice(0, 50)), (slice(0, 50), slice(1, 2))]
+)
+def test_units_that_are_dead_for_a_minibatch_are_left_out_and_torch_sees_no_difference(
+    dead: tuple[slice, slice],
+) -> None:
+    ours = network((6, 50, 50, 3), 32)
+    module = network((6, 50, 50, 3), 32).as_module()
+    optimiser = torch.optim.Adam(module.parameters(), 1e-3)
+    rng = np.random.default_rng(0)
+    for i in range(60):
+        if i in (20, 40):  # dead, and alive again
+            for either in (module, ours.as_module()):
+                for layer, units in zip((0, 2), dead, strict=True):
+                    with torch.no_grad():
+                        either[layer].bias[units] = -100.0 if i == 20 else 0.1
+        x = rng.standard_normal((32, 6)).astype(np.float32)
+        actions, targets = rng.integers(0, 3, 32), rng.standard_normal(32).astype(np.float32)
+        q = module(torch.from_numpy(x)).gather(1, torch.from_numpy(actions)[:, None])[:, 0]
+        optimiser.zero_grad()
+        torch.autograd.backward(torch.nn.functional.mse_loss(q, torch.from_numpy(targets)))
+        torch.nn.utils.clip_grad_norm_(module.parameters(), 10.0)
+        optimiser.step()
+        ours.update(np.ascontiguousarray(x.T).ravel(), actions, targets)
+    theirs = torch.nn.utils.parameters_to_vector(module.parameters()).detach().numpy()
+    assert np.abs(ours.parameters - theirs).max() < 1e-5

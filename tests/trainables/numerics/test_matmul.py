@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trainables.agents.tiles import BIAS, MASK, RELU, STORE
 from trainables.numerics.matmul import column_sums, dots, norm, pack, padded, product, transpose
 from trainables.numerics.simd import WIDTH
+from trainables.numerics.tiles import BIAS, MASK, RELU, STORE
 
 SIZES = st.integers(1, 70)
 
