@@ -128,7 +128,7 @@ def agent(
     lacking = [name for name in ("run", "evaluate", "knowledge") if not callable(getattr(learner, name, None))]
     if lacking:
         raise InputError(f"the learner {learner.__name__} has no method {lacking[0]}")
-    if not (isinstance(hyperparameters, type) and issubclass(hyperparameters, Hyperparameters)):
+    if not (isinstance(hyperparameters, type) and issubclass(hyperparameters, Hyperparameters)):  # type: ignore[redundant-expr]
         raise InputError(f"hyperparameters must be a class derived from Hyperparameters (got {hyperparameters!r})")
     return Agent(
         "own", _first_line(learner), hyperparameters, base, learner, kind, shown=tuple(shown), plots=tuple(plots)
