@@ -75,7 +75,7 @@ class Scenario(Strict):
 class Scheduler(Strict):
     """Early stopping, of all seeds of a configuration together, by their mean greedy return so far.
 
-    A configuration competes with the others of its (task, agent, source) alone. What is stopped has no AUC.
+    A configuration competes with the others of its arm alone: its task, agent and source. What is stopped has no AUC.
     """
 
     method: Literal["asha", "median"]
@@ -87,7 +87,7 @@ class Scheduler(Strict):
 
 
 class Search(Strict):
-    """How ranges are searched: `budget` configurations for each (task, agent, source)."""
+    """How ranges are searched: `budget` configurations for each task, agent and source."""
 
     method: Literal["grid", "random", "optuna"] = "grid"
     budget: Annotated[int, Field(ge=1)] = 20

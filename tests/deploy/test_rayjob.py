@@ -14,7 +14,7 @@ import pytest
 import typer.main
 import yaml
 
-from deltatune.cli.app import app
+from deltatune.cli.main import app
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = yaml.safe_load((Path(__file__).parent / "rayjob_schema.yaml").read_text())

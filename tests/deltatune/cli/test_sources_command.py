@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from deltatune.cli.app import app
+from deltatune.cli.main import app
 from orchestrator.sources.library import Entry, SourceLibrary
 from orchestrator.sources.ranking import rank_sources
 from trainables.cell import Cell

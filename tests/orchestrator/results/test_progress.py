@@ -6,11 +6,11 @@ from orchestrator.results.progress import Progress
 from orchestrator.results.record import Record
 from trainables import curve
 from trainables.cell import Cell
-from trainables.evaluation import EvalPoint
+from trainables.curve import EvalPoint
 
 
 def ended(task: str, value: float, agent: str = "q_learning") -> Record:
-    points = curve.columns([EvalPoint(episode=0, step=10, greedy_return=value, discounted_return=value)])
+    points = curve.columns([EvalPoint(0, 10, value, value, None, {})])
     cell = Cell.create(agent, task, 0)
     return Record(
         cell=cell,
