@@ -32,6 +32,7 @@ from orchestrator.model_registry.source_models import (
     steps_text,
 )
 from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking.mlflow_store import connect
 from orchestrator.tracking.uri import shown
 from trainables.errors import InputError
 from trainables.tasks.registry import parse_task
@@ -65,7 +66,7 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
     found = source_models(results)
     if not found:
         return []
-    client = MlflowClient(uri)
+    client = connect(uri)
     below = client.get_run(parent)
     names = list(dict.fromkeys(model_name(model.cell.task) for model in found))
     for name in names:
@@ -100,7 +101,7 @@ def fetch(text: str, uri: str) -> Fetched:
     if not name or not (alias if at else number.isdigit()):
         raise InputError(f"a registered source is models:/NAME@ALIAS or models:/NAME/VERSION (got '{text}')")
     try:
-        client = MlflowClient(uri)
+        client = connect(uri)
         version = client.get_model_version_by_alias(name, alias) if at else client.get_model_version(name, number)
         where = f"{client.get_model_version_download_uri(name, version.version)}/artifacts/{KNOWLEDGE}"
         with tempfile.TemporaryDirectory(prefix="deltatune-") as folder:

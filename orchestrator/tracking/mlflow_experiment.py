@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 from mlflow.tracking import MlflowClient
@@ -22,16 +20,9 @@ def find_experiment(client: MlflowClient, uri: str, family: str, artifacts: Path
     if found is None:
         location = None
         if uri.startswith("sqlite:"):
-            _write_ahead(uri)
             location = (artifacts / content_id(name)).as_uri()
         return str(client.create_experiment(name, location, _TAGS | views))
     for key, value in views.items():  # an older version's experiment is brought up to this one's views
         if found.tags.get(key) != value:
             client.set_experiment_tag(found.experiment_id, key, value)
     return str(found.experiment_id)
-
-
-def _write_ahead(uri: str) -> None:
-    """Write-ahead logging for a sqlite store: twice the rate of small writes, and readers never block the writer."""
-    with closing(sqlite3.connect(uri.removeprefix("sqlite:///"))) as database:
-        database.execute("PRAGMA journal_mode=WAL")

@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import pandas as pd
 from mlflow.entities import Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
-from mlflow.tracking import MlflowClient
 
 from orchestrator.analysis.curves import NO_CURVE, mean_curves
 from orchestrator.analysis.findings import Findings
@@ -34,6 +33,7 @@ from orchestrator.results.sweep_folder import Results, cell_row
 from orchestrator.tracking.description import markdown
 from orchestrator.tracking.mlflow_experiment import find_experiment
 from orchestrator.tracking.mlflow_fields import CELL_METRICS, cell_tags, group_figures, thinned
+from orchestrator.tracking.mlflow_store import connect
 from orchestrator.tracking.uri import shown
 from trainables.cell import content_id
 from trainables.storage.folders import local_copy
@@ -66,7 +66,7 @@ class Mirror:
         meta = results.meta()
         self._sweep_id = content_id([results.name, meta["created"]])
         self._meta = meta
-        self._client = MlflowClient(uri)
+        self._client = connect(uri)
         self._experiment = find_experiment(
             self._client, uri, meta["space"]["family"] or meta["space"]["name"], results.storage / "mlartifacts"
         )

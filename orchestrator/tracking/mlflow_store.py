@@ -1,0 +1,83 @@
+"""MLflow's store: opened by one door, born whole, and refused in a sentence where it is damaged.
+
+MLflow makes its SQLite tables in some thousand steps. A process that is killed meanwhile would leave a database that no
+later one can open, so the tables are made in a file beside, which takes its name once it is whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sqlite3
+import tempfile
+import time
+from pathlib import Path
+
+from mlflow.exceptions import MlflowException
+from mlflow.store.db import utils
+from mlflow.tracking import MlflowClient
+from sqlalchemy.exc import SQLAlchemyError
+
+from orchestrator.errors import SweepError
+
+PREFIX = ".mlflow-new-"
+"""Of the folders in which databases are made."""
+
+ABANDONED_SECONDS = 3600.0
+"""Age from which on nobody is at work in such a folder any more."""
+
+DAMAGED = ("already exists", "duplicate column", "no such table", "no such column", "malformed", "not a database")
+"""What SQLite says of a database that is damaged, or whose making was interrupted."""
+
+
+def connect(uri: str) -> MlflowClient:
+    """Return a client of the store `uri`; make the database of a local one that is not there yet.
+
+    Raises SweepError for a damaged database, with the commands that make it anew.
+    """
+    path = local_database(uri)
+    try:
+        if path is not None:
+            make(path)
+        return MlflowClient(uri)
+    except (SQLAlchemyError, sqlite3.Error, MlflowException) as error:
+        if path is None or not any(words in str(error) for words in DAMAGED):
+            raise
+        raise SweepError(
+            f"MLflow's database {path} is damaged, or its making was interrupted; the results are whole without it: "
+            f"move it away (mv {path} {path}.damaged), and 'deltatune sync SWEEP' writes each sweep anew"
+        ) from None
+
+
+def local_database(uri: str) -> Path | None:
+    """Return the file of a SQLite store, or None for another store."""
+    scheme, _, path = uri.partition(":///")
+    return Path(path) if scheme.split("+")[0] == "sqlite" and path and path != ":memory:" else None
+
+
+def make(path: Path) -> None:
+    """Make an empty MLflow database, with write-ahead logging, unless there is one; it appears whole or not at all."""
+    if path.exists() and path.stat().st_size:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _remove_abandoned(path.parent)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=PREFIX) as folder:
+        new = Path(folder) / path.name
+        engine = utils.create_sqlalchemy_engine(f"sqlite:///{new}")  # type: ignore[no-untyped-call]
+        try:
+            utils._initialize_tables(engine)  # type: ignore[no-untyped-call]
+        finally:
+            engine.dispose()  # an open connection must not see the file renamed
+        with contextlib.closing(sqlite3.connect(new)) as database:
+            database.execute("PRAGMA journal_mode=WAL")  # twice the rate of small writes, and readers never block
+        if path.exists() and path.stat().st_size:  # another process was faster
+            return
+        new.replace(path)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what killed processes have left."""
+    for old in folder.glob(f"{PREFIX}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - old.stat().st_mtime > ABANDONED_SECONDS:
+                shutil.rmtree(old)

@@ -1,0 +1,70 @@
+"""MLflow's database is whole or not there, whenever its maker is killed; a damaged one is refused in a sentence."""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+from pathlib import Path
+
+import pytest
+import sqlalchemy
+from mlflow.store.db import utils
+
+from orchestrator.errors import SweepError
+from orchestrator.tracking.mlflow_store import PREFIX, connect, local_database, make
+
+
+class Killed(BaseException):
+    """A kill: nothing catches it."""
+
+
+def interrupted(engine: sqlalchemy.Engine, statement: int) -> sqlalchemy.Engine:
+    """The engine, which is killed at its `statement`th statement."""
+    left = [statement]
+
+    def count(*_: object) -> None:
+        left[0] -= 1
+        if not left[0]:
+            raise Killed
+
+    sqlalchemy.event.listen(engine, "before_cursor_execute", count)
+    return engine
+
+
+@pytest.mark.parametrize("statement", [1, 30, 300])
+def test_a_kill_while_the_tables_are_made_leaves_no_database(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: int
+) -> None:
+    engine_of = utils.create_sqlalchemy_engine
+    monkeypatch.setattr(utils, "create_sqlalchemy_engine", lambda uri: interrupted(engine_of(uri), statement))
+    with pytest.raises((Killed, sqlalchemy.exc.SQLAlchemyError)):
+        make(tmp_path / "mlflow.db")
+    assert not (tmp_path / "mlflow.db").exists()
+
+
+def test_a_database_is_made_once_and_opens(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "mlflow.db"
+    path.parent.mkdir()
+    path.touch()  # what a kill at the very first moment leaves
+    uri = f"sqlite:///{path}"
+    assert local_database(uri) == path
+    run = connect(uri).create_run("0")
+    assert connect(uri).get_run(run.info.run_id).info.status == "RUNNING"
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        assert database.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    assert not list(path.parent.glob(f"{PREFIX}*"))
+
+
+def test_a_half_made_database_is_refused_with_what_mends_it(tmp_path: Path) -> None:
+    path = tmp_path / "mlflow.db"
+    with contextlib.closing(sqlite3.connect(path)) as database:  # as a kill within a migration leaves it
+        database.execute("CREATE TABLE datasets (dataset_uuid TEXT)")
+    with pytest.raises(SweepError, match=r"mlflow.db is damaged.*'deltatune sync SWEEP'"):
+        connect(f"sqlite:///{path}")
+
+
+def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mlflow.db"
+    path.write_bytes(b"garbage" * 1000)
+    with pytest.raises(SweepError, match="is damaged"):
+        connect(f"sqlite:///{path}")
