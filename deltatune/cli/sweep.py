@@ -85,7 +85,7 @@ def sweep(
         time_limit=time_limit,
         resources=Resources(cpus_per_cell, gpus_per_cell, memory_per_cell),
         params=settled,
-        given=pretrained.runs(sources, chosen.seeds),
+        pretrained=pretrained.runs(sources, chosen.seeds),
     )
     if local:
         _check_local(how)

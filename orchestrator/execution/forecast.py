@@ -87,9 +87,9 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     ledger, costs = Ledger(results, settings.retry_failed, space), _Costs(results.storage)
     arms = source_arms(space, settings.params)
     keep = any("learned" in scenario.source.kinds for scenario in space.scenarios)
-    trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.given)
+    trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.pretrained)
     first = _stage(SOURCE, trained, space, ledger, costs, keep)
-    choices = settle(arms, settings.given, lambda arm: _choice(ledger, arm, keep))
+    choices = settle(arms, settings.pretrained, lambda arm: _choice(ledger, arm, keep))
     second = _stage(TRANSFER, transfer_arms(space, choices, settings.params), space, ledger, costs, keep=False)
     return Forecast((first, second), tuple(costs.known.values()), tuple(dict.fromkeys(costs.unknown)), workers)
 

@@ -16,7 +16,7 @@ OnRecord = Callable[[str, Record], None]
 
 @dataclass(frozen=True)
 class Settings:
-    """How a sweep runs; nothing here decides a result but `params`, which settles hyperparameters, and `given`."""
+    """How a sweep runs; nothing here decides a result but `params`, which settles hyperparameters, and `pretrained`."""
 
     workers: int | None = None
     """Cells at a time; None: as many as there are CPUs for."""
@@ -31,7 +31,7 @@ class Settings:
     """Seconds that a cell may take; what takes longer fails."""
     resources: Resources = field(default_factory=Resources)
     params: Params = field(default_factory=dict)
-    given: Runs = field(default_factory=dict)
+    pretrained: Runs = field(default_factory=dict)
     """Sources that are not trained here."""
 
 

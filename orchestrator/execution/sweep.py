@@ -59,7 +59,7 @@ class _Sweep:
 
     def train_sources(self) -> list[Choices]:
         """Stage 1: the outcome of each scenario's sources."""
-        arms, pretrained = source_arms(self._space, self._settings.params), self._settings.given
+        arms, pretrained = source_arms(self._space, self._settings.params), self._settings.pretrained
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
         every = (arm for scenario in arms for arm in scenario.values())
         self._run(SOURCE, distinct(arm for arm in every if arm.task not in pretrained), keep)

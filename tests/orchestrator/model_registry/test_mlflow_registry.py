@@ -286,7 +286,7 @@ def swept(folder: Path, space: SearchSpace, uri: str, *names: str) -> Results:
     found = pretrained.read(names, space, uri)
     results = Results.create(folder, space.name, space)
     pretrained.keep(found, results)
-    tally = run(results, Settings(given=pretrained.runs(found, space.seeds)), Console(quiet=True))
+    tally = run(results, Settings(pretrained=pretrained.runs(found, space.seeds)), Console(quiet=True))
     assert tally.failed == 0
     return results
 
