@@ -1,1 +1,140 @@
-"""The face of deltatune: the command line, and what a sweep writes at its end."""
+"""The face of deltatune, which asks whether knowledge from one task helps or hurts on another.
+
+Everything that documents and examples use is here, and is imported when it is asked for:
+
+    import deltatune
+
+    results = deltatune.load("demo")
+    results.best          # a data frame; so are .table, .cells, .points and .curves()
+
+    cell = deltatune.Cell.create("q_learning", "windy_gridworld:wind=reversed", seed=0)
+    for point in deltatune.train(cell):
+        print(point.episode, point.greedy_return)
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from deltatune.sweep_results import SweepResults, load
+    from orchestrator.errors import SweepError
+    from search_spaces import SearchSpace
+    from search_spaces import load as load_space
+    from trainables.agents.agent import Agent
+    from trainables.agents.hyperparameters import (
+        DQN,
+        Count,
+        ExplicitShaping,
+        Hyperparameters,
+        NonNegative,
+        Positive,
+        Probability,
+        QLearning,
+        Rate,
+        Threshold,
+        Transfer,
+    )
+    from trainables.cell import Cell, Source
+    from trainables.curve import EvalPoint
+    from trainables.delta.bounds import bounds
+    from trainables.errors import InputError
+    from trainables.knowledge import Knowledge
+    from trainables.learners.dqn import DeepLearner
+    from trainables.learners.step_learner import StepLearner
+    from trainables.own import agent, feature, tabular_task, task
+    from trainables.own import load as load_custom
+    from trainables.tasks.make import make_env
+    from trainables.tasks.registry import parse_task
+    from trainables.tasks.spec.tabular_model import TransitionModel
+    from trainables.training.ray_tune import trainable
+    from trainables.training.train import train
+
+_PLACES = {
+    "deltatune.sweep_results": ("SweepResults", "load"),
+    "orchestrator.errors": ("SweepError",),
+    "search_spaces": ("SearchSpace", "load_space:load"),
+    "trainables.agents.agent": ("Agent",),
+    "trainables.agents.hyperparameters": (
+        *("Hyperparameters", "QLearning", "Transfer", "DQN", "ExplicitShaping"),
+        *("Count", "NonNegative", "Positive", "Probability", "Rate", "Threshold"),
+    ),
+    "trainables.cell": ("Cell", "Source"),
+    "trainables.curve": ("EvalPoint",),
+    "trainables.delta.bounds": ("bounds",),
+    "trainables.errors": ("InputError",),
+    "trainables.knowledge": ("Knowledge",),
+    "trainables.learners.dqn": ("DeepLearner",),
+    "trainables.learners.step_learner": ("StepLearner",),
+    "trainables.own": ("agent", "feature", "tabular_task", "task", "load_custom:load"),
+    "trainables.tasks.make": ("make_env",),
+    "trainables.tasks.registry": ("parse_task",),
+    "trainables.tasks.spec.tabular_model": ("TransitionModel",),
+    "trainables.training.ray_tune": ("trainable",),
+    "trainables.training.train": ("train",),
+}
+"""Module to what is taken from it, 'NAME' or 'NAME:NAME THERE'."""
+
+_HOME = {
+    name.partition(":")[0]: (module, name.partition(":")[2] or name)
+    for module, names in _PLACES.items()
+    for name in names
+}
+
+__all__ = [
+    "DQN",
+    "Agent",
+    "Cell",
+    "Count",
+    "DeepLearner",
+    "EvalPoint",
+    "ExplicitShaping",
+    "Hyperparameters",
+    "InputError",
+    "Knowledge",
+    "NonNegative",
+    "Positive",
+    "Probability",
+    "QLearning",
+    "Rate",
+    "SearchSpace",
+    "Source",
+    "StepLearner",
+    "SweepError",
+    "SweepResults",
+    "Threshold",
+    "Transfer",
+    "TransitionModel",
+    "agent",
+    "bounds",
+    "feature",
+    "load",
+    "load_custom",
+    "load_space",
+    "make_env",
+    "parse_task",
+    "tabular_task",
+    "task",
+    "train",
+    "trainable",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Return a name of the interface, imported now; `__version__` is that of the installed distribution."""
+    if name == "__version__":
+        from orchestrator.results.provenance import versions
+
+        return versions().get("deltatune", "unknown")
+    if name not in _HOME:
+        raise AttributeError(f"module 'deltatune' has no attribute '{name}'")
+    module, there = _HOME[name]
+    value = getattr(importlib.import_module(module), there)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the names of the interface, for completion."""
+    return [*__all__, "__version__"]

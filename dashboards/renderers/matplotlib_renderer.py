@@ -35,12 +35,18 @@ WORD = 30
 
 def draw(figure: Figure, sweep: str, folder: Path) -> list[Path]:
     """Write a figure's PNG and SVG into `folder`, the same bytes for the same figure; none for an absent one."""
+    sheet = drawing(figure, sweep)
+    return _save(sheet, folder, figure.name) if sheet is not None else []
+
+
+def drawing(figure: Figure, sweep: str) -> Sheet | None:
+    """Return a figure as matplotlib draws it, None for an absent one."""
     if isinstance(figure, Absent):
-        return []
+        return None
     matplotlib.rcParams.update(SETTINGS)
     sheet = _matrix(figure) if isinstance(figure, Matrix) else _chart(figure)
     sheet.suptitle(_plain(f"{sweep}: {figure.title}"), fontsize=10)
-    return _save(sheet, folder, figure.name)
+    return sheet
 
 
 def _save(sheet: Sheet, folder: Path, name: str) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 import sys
@@ -12,18 +13,67 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.text import Text
+from typer.core import TyperGroup
 
 from trainables.storage.paths import storage_path
 
+ORDER = (
+    *("sweep", "status", "list", "watch", "logs", "compare", "replay", "mv", "rm"),
+    *("report", "export", "ui", "sync"),
+    *("tasks", "agents", "spaces", "bounds", "sources", "rank"),
+    *("check", "init"),
+    *("submit",),
+)
+"""Commands in the order of the help."""
+
+
+class Commands(TyperGroup):
+    """The commands in the order of ORDER; their flags take no value, so the help shows no type of one."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the commands in order."""
+        return sorted(self.commands, key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters of the group."""
+        return _without_types(super().get_params(ctx))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command."""
+        command = super().get_command(ctx, cmd_name)
+        if command is not None:
+            _without_types(command.get_params(ctx))
+        return command
+
+
+def _without_types(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = ""
+    return parameters
+
+
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    add_completion=False,
     help="Does knowledge from this task help or hurt on that one?\n\n"
     "Sweeps of transfer agents, with delta as the gatekeeper of transfer. Start with `deltatune sweep demo`, "
     "then look at it with `deltatune ui`.",
 )
+
+RUN_PANEL, RESULT_PANEL, CATALOGUE_PANEL, CUSTOM_PANEL, CLUSTER_PANEL = (
+    "Run and follow sweeps",
+    "Look at results",
+    "What there is",
+    "Custom tasks and agents",
+    "Clusters",
+)
+"""Groups of commands in the help."""
+
+PACKAGES = ("deltatune", "dashboards", "orchestrator", "search_spaces", "trainables")
+"""Whose logs `--verbose` shows."""
 
 
 def _console(stderr: bool) -> Console:
@@ -40,14 +90,56 @@ Storage = Annotated[
     typer.Option(
         parser=storage_path,
         metavar="FOLDER",
-        help="Of all sweeps, the source library and MLflow's store; or a URL: s3://BUCKET/FOLDER.",
+        envvar="DELTATUNE_STORAGE",
+        help="The folder of all sweeps, of the source library and of MLflow's store; or a URL: s3://BUCKET/FOLDER.",
     ),
 ]
 Sweep = Annotated[str, typer.Argument(metavar="SWEEP", help="A sweep's name in the storage folder, or its folder.")]
 TrackingUri = Annotated[
-    str | None, typer.Option(help="MLflow store; default: MLFLOW_TRACKING_URI, else STORAGE/mlflow.db.")
+    str | None,
+    typer.Option(
+        metavar="URI",
+        help="The MLflow store to write to; default: MLFLOW_TRACKING_URI, else mlflow.db in the storage folder.",
+    ),
 ]
 RESULTS = Path("results")
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        from orchestrator.results.provenance import commit, versions
+
+        typer.echo(f"deltatune {versions().get('deltatune', 'unknown')} (commit {commit()})")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    context: typer.Context,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, only results and errors.")] = False,
+    verbose: Annotated[
+        int, typer.Option("-v", "--verbose", count=True, metavar="", help="Show the log; -vv its details too.")
+    ] = 0,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version and its commit.")
+    ] = False,
+) -> None:
+    """Take in the options that stand before a command."""
+    context.obj = {"quiet": quiet}
+    if verbose:
+        handler = logging.StreamHandler()
+        handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s", "%H:%M:%S"))
+        for name in PACKAGES:
+            logger = logging.getLogger(name)
+            logger.addHandler(handler)
+            logger.setLevel(logging.DEBUG if verbose > 1 else logging.INFO)
+
+
+def progress_console(context: typer.Context, as_json: bool) -> Console:
+    """Return where a command shows its progress: nowhere with --quiet, on standard error with --json."""
+    if (context.obj or {}).get("quiet"):
+        return Console(quiet=True)
+    return err if as_json else out
 
 
 def program() -> str:
@@ -56,6 +148,8 @@ def program() -> str:
     found = shutil.which(Path(called).name)
     if found is not None and Path(found).resolve() == Path(called).resolve():
         return Path(called).name
+    if Path(called).name == "__main__.py":
+        return "python -m deltatune"
     return os.path.relpath(called) if Path(called).name == "deltatune" else "deltatune"
 
 

@@ -3,71 +3,163 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltatune.cli.app import Json, app, out, print_json, print_named
+from deltatune.cli.app import CATALOGUE_PANEL, Json, app, out, print_json, print_named, program
+from deltatune.cli.tables import table
 
 if TYPE_CHECKING:
     from trainables.agents.agent import Agent
-    from trainables.tasks.spec.family import TaskFamily, Value
-from deltatune.cli.tables import table
+    from trainables.delta.bounds import Bounds
+    from trainables.tasks.spec.family import Task, TaskFamily, Value
 
 
-@app.command()
-def tasks(as_json: Json = False) -> None:
-    """List the tasks and their context features.
+@app.command(rich_help_panel=CATALOGUE_PANEL)
+def tasks(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[TASK]", help="Show this one, with the values that agents really use on it."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the tasks and their context features, or show one.
 
     A task is named NAME[:FEATURE=VALUE,...]: `windy_gridworld`, `windy_gridworld:wind=reversed`,
     `supply_chain:demand_mean=5`; 2x means twice the default. Quote names with brackets.
     """
-    from trainables.tasks.registry import all_families
+    from trainables.plugins.loader import canonicalise
+    from trainables.tasks.registry import all_families, parse_task
 
+    if name is not None:
+        task = parse_task(canonicalise(name))
+        used = _used(task)
+        if as_json:
+            context = {key: _json(value) for key, value in task.context.items()}
+            print_json(task_data(task.family) | {"context": context, "used": used})
+            return
+        _print_task(task_data(task.family))
+        rows = [(agent, *_told(values)) for agent, values in used.items()]
+        out.print(table(("agent", "hyperparameters that this task sets", "its own defaults"), rows))
+        return
     data = [task_data(family) for family in all_families()]
     if as_json:
         print_json(data)
         return
     for family in data:
-        print_named(family["name"], family["description"])
-        rows = [
-            (f["name"], json.dumps(f["default"]), f["description"], ", ".join(f["named_values"]))
-            for f in family["features"]
-        ]
-        out.print(table(("feature", "default", "meaning", "named values"), rows))
-        out.print(f"target tasks: {', '.join(family['paper_targets']) or '-'}\n")
+        _print_task(family)
 
 
-@app.command()
-def agents(as_json: Json = False) -> None:
-    """List the agents and their hyperparameters."""
+def _print_task(family: Mapping[str, Any]) -> None:
+    print_named(family["name"], family["description"])
+    rows = [
+        (f["name"], json.dumps(f["default"]), f["description"], ", ".join(f["named_values"]))
+        for f in family["features"]
+    ]
+    out.print(table(("feature", "default", "meaning", "named values"), rows))
+    out.print(f"target tasks: {', '.join(family['paper_targets']) or '-'}\n", soft_wrap=True)
+
+
+def _used(task: Task) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return, by agent that can learn the task, the hyperparameters that the task sets: value and agent's default."""
     from trainables.agents.registry import agents as registered
 
+    kind = "tabular" if task.tabular else "deep"
+    return {name: _set_by(task, agent) for name, agent in registered().items() if agent.kind == kind}
+
+
+def _set_by(task: Task, agent: Agent) -> dict[str, dict[str, Any]]:
+    fields, values = agent.hyperparameters.model_fields, agent.resolve(task, {}).model_dump()
+    return {
+        key: {"value": value, "default": fields[key].default}
+        for key, value in values.items()
+        if value != fields[key].default
+    }
+
+
+def _told(values: Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:
+    """Return the values and the defaults that they replace, as 'name=value, ...'."""
+    sides = (", ".join(f"{name}={pair[side]}" for name, pair in values.items()) for side in ("value", "default"))
+    first, second = sides
+    return first or "-", second or "-"
+
+
+@app.command(rich_help_panel=CATALOGUE_PANEL)
+def agents(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[AGENT]", help="Show this one's hyperparameters, task by task.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the agents, or show one with its hyperparameters and the values that each task really gives it."""
+    from trainables.agents.registry import agent_named
+    from trainables.agents.registry import agents as registered
+    from trainables.plugins.loader import canonicalise
+
+    if name is not None:
+        _show_agent(agent_named(canonicalise(name)), as_json)
+        return
     data = [agent_data(agent) for agent in registered().values()]
     if as_json:
         print_json(data)
         return
-    for agent in data:
-        print_named(agent["name"], agent["description"])
-        rows = [(h["name"], str(h["default"]), h["description"] or "") for h in agent["hyperparameters"]]
-        out.print(table(("hyperparameter", "default", "meaning"), rows))
+    rows = [(each["name"], each["kind"], each["compared_with"] or "-", each["description"]) for each in data]
+    out.print(table(("agent", "kind", "compared with", "what it does"), rows))
+    out.print(f"Hyperparameters and their values: {program()} agents NAME", soft_wrap=True)
 
 
-@app.command()
+def _show_agent(agent: Agent, as_json: bool) -> None:
+    from trainables.tasks.registry import all_families
+
+    data = agent_data(agent)
+    families = [family for family in all_families() if (family.model is not None) == (agent.kind == "tabular")]
+    by_task = {family.name: _values(agent, family) for family in families}
+    if as_json:
+        print_json(data | {"values": by_task})
+        return
+    print_named(data["name"], data["description"])
+    if data["compared_with"]:
+        out.print(f"It is compared with {data['compared_with']}, which trains its source.", soft_wrap=True)
+    rows = [
+        (h["name"], str(h["default"]) or "-", _exceptions(h, by_task), h["description"] or "")
+        for h in data["hyperparameters"]
+    ]
+    out.print(table(("hyperparameter", "default", "on the tasks", "meaning"), rows))
+
+
+def _values(agent: Agent, family: TaskFamily) -> dict[str, Any]:
+    from trainables.tasks.spec.family import Task
+
+    return agent.resolve(Task(family), {}).model_dump()
+
+
+def _exceptions(hyperparameter: Mapping[str, Any], by_task: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return where a task sets another value than the default: '5000 in windy_gridworld'."""
+    name, default = hyperparameter["name"], hyperparameter["default"]
+    there = ((task, values.get(name)) for task, values in by_task.items())
+    return ", ".join(f"{value} in {task}" for task, value in there if value != default) or "-"
+
+
+@app.command(rich_help_panel=CATALOGUE_PANEL)
 def spaces(
-    name: Annotated[str | None, typer.Argument(help="Show this one's YAML, to start your own from.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="[SPACE]", help="Show this one's YAML, to start your own from.")
+    ] = None,
     schema: Annotated[
         bool, typer.Option("--schema", help="Print the JSON Schema of search spaces, for editors.")
     ] = False,
     as_json: Json = False,
 ) -> None:
     """List the built-in search spaces, or show one: `deltatune spaces demo > mine.yaml`."""
-    from search_spaces.json_schema import json_schema
     from search_spaces.loading import built_in, load
 
     if schema:
+        from search_spaces.json_schema import json_schema
+
         print_json(json_schema())
         return
 
@@ -85,26 +177,49 @@ def spaces(
         out.print(table(("name", "what it asks"), [(space.name, space.description) for space in found]))
 
 
-@app.command()
+@app.command(rich_help_panel=CATALOGUE_PANEL)
 def bounds(
-    source: Annotated[str, typer.Argument(help="Source task, e.g. windy_gridworld.")],
-    target: Annotated[str, typer.Argument(help="Target task, e.g. windy_gridworld:wind=reversed.")],
-    gamma: Annotated[float, typer.Option(help="Discount factor, in [0, 1).")] = 0.99,
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="The source task, such as windy_gridworld.")],
+    target: Annotated[
+        str, typer.Argument(metavar="TARGET", help="The target task, such as windy_gridworld:wind=reversed.")
+    ],
+    gamma: Annotated[float, typer.Option(metavar="GAMMA", help="The discount factor, in [0, 1).")] = 0.99,
     as_json: Json = False,
 ) -> None:
     """Compute the exact delta between two tabular tasks, and check Theorems 1 and 3 on them."""
     from trainables.delta.bounds import bounds as compute
     from trainables.plugins.loader import canonicalise
 
-    data = asdict(compute(canonicalise(source), canonicalise(target), gamma))
+    found = compute(canonicalise(source), canonicalise(target), gamma)
     if as_json:
-        print_json(data)
-    else:
-        out.print(table(("quantity", "value"), [(key, f"{value}") for key, value in data.items()]))
+        print_json(asdict(found))
+        return
+    for sentence in bounds_sentences(found):
+        out.print(sentence, soft_wrap=True)
+
+
+def bounds_sentences(found: Bounds) -> Iterable[str]:
+    """Yield what the exact figures of a scenario say, a sentence each."""
+    holds = {True: "holds", False: "does NOT hold"}
+    yield f"From {found.source} to {found.target}, discounted by {found.gamma:g}:"
+    yield f"- The largest |delta| of any state and action is {found.max_abs_delta:.4g}."
+    yield f"- The optimal values of the two tasks, Q*, differ by at most {found.task_distance:.4g}."
+    yield (
+        f"- Theorem 1 {holds[found.theorem1_holds]}: that is at most max |delta| / (1 - gamma) = "
+        f"{found.theorem1_bound:.4g}."
+    )
+    yield (
+        f"- From the start state the optimal return is {found.v_source:.4g} in the source task and "
+        f"{found.v_target:.4g} in the target task."
+    )
+    yield (
+        f"- Theorem 3 {holds[found.theorem3_holds]}: following the source's policy in the target task stays within its "
+        f"bounds, nowhere closer to one than {found.theorem3_slack:.4g}."
+    )
 
 
 def task_data(family: TaskFamily) -> dict[str, Any]:
-    """A task family as plain data."""
+    """Return a task family as plain data."""
     return {
         "name": family.name,
         "description": family.description,
@@ -124,7 +239,7 @@ def task_data(family: TaskFamily) -> dict[str, Any]:
 
 
 def agent_data(agent: Agent) -> dict[str, Any]:
-    """An agent as plain data."""
+    """Return an agent as plain data."""
     fields = agent.hyperparameters.model_fields
     return {
         "name": agent.name,

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from deltatune.cli.app import RESULTS, Storage, Sweep, app, out, program
+from deltatune.cli.app import CLUSTER_PANEL, RESULTS, RUN_PANEL, Storage, Sweep, app, out, program
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True}, rich_help_panel=CLUSTER_PANEL)
 def submit(
     context: typer.Context,
     space: Annotated[str, typer.Argument(metavar="SPACE", help="A built-in search space or a YAML file.")],
@@ -53,7 +53,7 @@ def check_options(words: list[str]) -> None:
     commands["sweep"].make_context("sweep", words)
 
 
-@app.command()
+@app.command(rich_help_panel=RUN_PANEL)
 def watch(
     name: Sweep,
     storage: Storage = RESULTS,
@@ -66,7 +66,7 @@ def watch(
     follow(Results.open(storage, name), out, every)
 
 
-@app.command()
+@app.command(rich_help_panel=RUN_PANEL)
 def logs(
     name: Sweep,
     storage: Storage = RESULTS,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import typer
 
-from deltatune.cli import catalogue, cluster, own_code, sources, sweep, sweeps
+from deltatune.cli import catalogue, cluster, manage, own_code, sources, sweep, sweeps
 from deltatune.cli.app import app
 
-__all__ = ["app", "catalogue", "cluster", "main", "own_code", "sources", "sweep", "sweeps"]
+__all__ = ["app", "catalogue", "cluster", "main", "manage", "own_code", "sources", "sweep", "sweeps"]
 
 
 def main() -> None:

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from deltatune.cli.app import Json, app, out, print_json
-from deltatune.cli.tables import span
-from trainables.agents.registry import AGENTS
-from trainables.tasks.spec.family import Task
-from trainables.training.throughput import measure, probe
+from deltatune.cli.app import CUSTOM_PANEL, Json, app, out, print_json
 
 TASK = Annotated[
     str, typer.Argument(metavar="TASK", help="NAME, gym:ENV_ID or FILE.py:NAME, each with [:FEATURE=VALUE,...].")
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=CUSTOM_PANEL)
 def check(task: TASK, as_json: Json = False) -> None:
     """Test a task as deltatune's own are tested, time it, and say what a sweep of it would cost (exit 1 if unsound).
 
     The file of FILE.py:NAME is run.
     """
     from deltatune.cli.tables import table
+    from deltatune.cli.task_cost import task_costs
     from trainables.plugins.loader import canonicalise
     from trainables.tasks.env_checker import check as findings
     from trainables.tasks.env_checker import refused, steps_per_second
@@ -57,7 +54,7 @@ def check(task: TASK, as_json: Json = False) -> None:
         raise typer.Exit(1)
 
 
-@app.command()
+@app.command(rich_help_panel=CUSTOM_PANEL)
 def init(
     task: TASK,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The file to write; default: print.")] = None,
@@ -81,35 +78,3 @@ def init(
     make_folder(output.absolute().parent)
     write_atomic(output.absolute(), text.encode())
     out.print(f"{output}: see what it would do with 'deltatune sweep {output} --dry-run'", soft_wrap=True)
-
-
-@dataclass(frozen=True)
-class AgentCost:
-    """An agent's measured speed on a task, and what a cell with its default hyperparameters takes on one core."""
-
-    agent: str
-    steps_per_second: float
-    """Environment step and update together."""
-    episodes: int
-    seconds_low: float
-    """With episodes as long as an untrained agent's."""
-    seconds_high: float
-    """With every episode as long as the time limit allows."""
-
-    def row(self) -> tuple[str, str, str]:
-        """A line of a table."""
-        cost = span(self.seconds_low, self.seconds_high)
-        return self.agent, f"{self.steps_per_second:,.0f}", f"{self.episodes} episodes: {cost}"
-
-
-def task_costs(task: Task) -> list[AgentCost]:
-    """The costs of the agent without transfer and of the paper's algorithm; about two seconds each."""
-    usual = [agent for agent in AGENTS.values() if agent.usual and (agent.kind == "tabular") == task.tabular]
-    return [_cost(agent.name, task) for agent in usual if not agent.needs_source or agent.algorithm]
-
-
-def _cost(agent: str, task: Task) -> AgentCost:
-    cell = probe(agent, task.name, task.name, {})
-    rate, values = measure(cell), dict(cell.hyperparameters)
-    spans = sorted(rate.seconds(values, steps) for steps in (None, float(rate.time_limit)))
-    return AgentCost(agent, 1 / rate.seconds_per_step, int(values["episodes"]), *spans)

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from deltatune.cli.app import RESULTS, Json, Storage, app, out, print_json
+from deltatune.cli.app import CATALOGUE_PANEL, RESULTS, Json, Storage, app, out, print_json
 from trainables.plugins.names import short
 
 sources = typer.Typer(no_args_is_help=True, help="The source library: list, check, and pass on what is trained.")
-app.add_typer(sources, name="sources")
+app.add_typer(sources, name="sources", rich_help_panel=CATALOGUE_PANEL)
 
 SHOWN = 20
 """Most sources in the table of a ranking."""
@@ -117,7 +117,7 @@ def import_(
     out.print(f"{len(entries)} sources from {file}", soft_wrap=True)
 
 
-@app.command()
+@app.command(rich_help_panel=CATALOGUE_PANEL)
 def rank(
     target: Annotated[str, typer.Argument(help="Target task, e.g. windy_gridworld:wind=reversed.")],
     source: Annotated[

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltatune.cli.app import RESULTS, Json, Storage, TrackingUri, app, err, out
+from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, TrackingUri, app, err, out
 
 if TYPE_CHECKING:
     from orchestrator.execution.settings import Settings
 
 
-@app.command()
+@app.command(rich_help_panel=RUN_PANEL)
 def sweep(
     space: Annotated[
         str, typer.Argument(metavar="SPACE", help="A built-in search space (see 'deltatune spaces') or a YAML file.")

@@ -9,7 +9,20 @@ from typing import Annotated
 
 import typer
 
-from deltatune.cli.app import RESULTS, Json, Storage, Sweep, TrackingUri, app, out, print_json, print_named, program
+from deltatune.cli.app import (
+    RESULT_PANEL,
+    RESULTS,
+    RUN_PANEL,
+    Json,
+    Storage,
+    Sweep,
+    TrackingUri,
+    app,
+    out,
+    print_json,
+    print_named,
+    program,
+)
 from orchestrator.export.formats import FORMATS, write
 
 Format = StrEnum("Format", list(FORMATS))  # type: ignore[misc]  # its members are data
@@ -18,7 +31,7 @@ Format = StrEnum("Format", list(FORMATS))  # type: ignore[misc]  # its members a
 YAML = Format("yaml")
 
 
-@app.command()
+@app.command(rich_help_panel=RUN_PANEL)
 def status(
     name: Annotated[str | None, typer.Argument(metavar="[SWEEP]", help="A sweep; default: list all.")] = None,
     storage: Storage = RESULTS,
@@ -46,7 +59,7 @@ def status(
             print_named(what, failure["error"], "red")
 
 
-@app.command()
+@app.command(rich_help_panel=RESULT_PANEL)
 def report(
     name: Sweep,
     storage: Storage = RESULTS,
@@ -74,7 +87,7 @@ def report(
         typer.launch(files[0].as_uri())
 
 
-@app.command()
+@app.command(rich_help_panel=RESULT_PANEL)
 def export(
     name: Sweep,
     kind: Annotated[
@@ -109,7 +122,7 @@ def export(
         out.print(f"{written.what}: {', '.join(str(path) for path in written.files)}", soft_wrap=True)
 
 
-@app.command()
+@app.command(rich_help_panel=RESULT_PANEL)
 def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = None) -> None:
     """Bring MLflow up to a sweep's results table; twice changes nothing."""
     from orchestrator.process_env import prepare
@@ -130,7 +143,7 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
     out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
 
 
-@app.command()
+@app.command(rich_help_panel=RUN_PANEL)
 def replay(
     cell_id: Annotated[str, typer.Argument(help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")],
     name: Annotated[str | None, typer.Option("--sweep", help="Look in this sweep alone.")] = None,
@@ -154,7 +167,7 @@ def replay(
         raise typer.Exit(1)
 
 
-@app.command()
+@app.command(rich_help_panel=RESULT_PANEL)
 def ui(
     storage: Storage = RESULTS,
     tracking_uri: TrackingUri = None,

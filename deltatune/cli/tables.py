@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import rich.box
-from rich.table import Table
 from rich.text import Text
+
+from deltatune.cli.sheet import Sheet, table
 
 if TYPE_CHECKING:
     from orchestrator.analysis.groups import Group
 
+__all__ = ["COLOURS", "duration", "group_table", "span", "table"]
+
 COLOURS = {"helped": "green", "hurt": "red"}
 """A verdict's colour in a terminal."""
-
-
-def table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], title: str | None = None) -> Table:
-    """A plain table; the cells of the first column are never cut."""
-    result = Table(title=title, box=rich.box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    for number, column in enumerate(columns):
-        result.add_column(column, overflow="fold", no_wrap=number == 0)
-    for cells in rows:
-        result.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells))
-    return result
 
 
 def duration(seconds: float) -> str:
@@ -44,7 +36,7 @@ def span(low: float, high: float) -> str:
     return f"{number} to {last}" if unit == other else f"{number} {unit} to {last}"
 
 
-def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | None = None) -> Table:
+def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | None = None) -> Sheet:
     """Groups under the columns of the results table, task by task; green where transfer helped, red where it hurt.
 
     tried: group id to the number of configurations that it is the best of.

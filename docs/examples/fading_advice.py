@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from trainables.agents.hyperparameters import NonNegative, Transfer
-from trainables.learners.step_learner import StepLearner
-from trainables.own import agent
+from deltatune import NonNegative, StepLearner, Transfer, agent
 
 
 class Settings(Transfer):

@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
 
-from trainables.own import feature, task
+from deltatune import feature, task
 
 
 class Tank(gymnasium.Env):

@@ -29,7 +29,7 @@ def agent(name: str) -> Agent | None:
     if parts.rest:
         raise InputError(f"'{name}' is no agent's name: there is something after FILE.py:NAME")
     if not parts.pin:
-        raise InputError(f"'{name}' names a file that is not loaded: call trainables.own.load with this name first")
+        raise InputError(f"'{name}' names a file that is not loaded: call deltatune.load_custom with this name first")
     thing = loader.attribute(parts)
     return missing_agent(name) if thing is None else _agent(name, thing)
 
@@ -50,7 +50,7 @@ def _agent(name: str, thing: Any) -> Agent:
             raise InputError(f"{name} is not an agent: calling it failed ({loader.in_words(error)})") from None
     if not isinstance(thing, Agent):
         raise InputError(
-            f"{names.short(name)} is not an agent (it is {names.described(thing)}): make one with trainables.own.agent"
+            f"{names.short(name)} is not an agent (it is {names.described(thing)}): make one with deltatune.agent"
         )
     code, _, _ = name.partition(":")
     short = code.partition("@")[0]

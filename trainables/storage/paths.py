@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import cast
 
@@ -28,6 +29,11 @@ def storage_path(text: str | Path) -> Path:
     except Exception as error:  # each protocol's package has errors of its own
         raise InputError(f"the storage {text} does not answer: {error}") from None
     return cast(Path, path)
+
+
+def default_storage() -> str:
+    """Return the storage that is meant where none is named: DELTATUNE_STORAGE, else the folder `results`."""
+    return os.environ.get("DELTATUNE_STORAGE") or "results"
 
 
 def is_local(path: object) -> bool:

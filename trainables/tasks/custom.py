@@ -24,7 +24,7 @@ def family(text: str) -> tuple[TaskFamily, str]:
     name = names.file_name(text)
     code = f"{name.path.name}@{name.pin}:{name.attribute}"
     if not name.pin:
-        raise InputError(f"'{text}' names a file that is not loaded: call trainables.own.load with this name first")
+        raise InputError(f"'{text}' names a file that is not loaded: call deltatune.load_custom with this name first")
     thing = loader.attribute(name)
     return (missing_family(code, name.rest) if thing is None else _family(code, thing)), name.rest
 
@@ -49,7 +49,7 @@ def _family(name: str, thing: Any) -> TaskFamily:
             raise InputError(f"{name} is not a task: calling it failed ({loader.in_words(error)})") from None
     if not isinstance(thing, TaskFamily):
         raise InputError(
-            f"{names.short(name)} is not a task (it is {names.described(thing)}): make one with trainables.own.task"
+            f"{names.short(name)} is not a task (it is {names.described(thing)}): make one with deltatune.task"
         )
     targets = tuple(f"{name}:{target}" for target in thing.targets)
     return _FAMILIES.setdefault(name, replace(thing, name=name, targets=targets, origin="own"))

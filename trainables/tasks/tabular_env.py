@@ -11,7 +11,7 @@ from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
 from trainables.numerics.jit import compiled
-from trainables.tasks.builtin import from_model, supply_chain, windy_gridworld
+from trainables.tasks.builtin import from_model, supply_chain_model, windy_gridworld_model
 from trainables.tasks.spec.tabular_model import Dynamics
 
 
@@ -20,11 +20,11 @@ def step(
     kind: int, state: int, action: int, parameters: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[int, float, bool]:
     """One step of the task `kind`: (next state, reward, terminated)."""
-    if kind == windy_gridworld.KIND:
-        return windy_gridworld.step(state, action, parameters, rng)
+    if kind == windy_gridworld_model.KIND:
+        return windy_gridworld_model.step(state, action, parameters, rng)
     if kind == from_model.KIND:
         return from_model.step(state, action, parameters, rng)
-    return supply_chain.step(state, action, parameters, rng)
+    return supply_chain_model.step(state, action, parameters, rng)
 
 
 class TabularEnv(gymnasium.Env[Any, Any]):

@@ -260,7 +260,7 @@ def test_check_says_whether_a_task_is_sound(
         assert finding["passed"] is False
         assert "bad_tasks.py:" in finding["answer"]
     refusal = terminal.refused("check", "bad_tasks.py:Learner")
-    assert refusal == "error: bad_tasks.py:Learner is not a task (it is an agent): make one with trainables.own.task\n"
+    assert refusal == "error: bad_tasks.py:Learner is not a task (it is an agent): make one with deltatune.task\n"
     assert "unknown task 'bad_tasks'" in terminal.refused("check", "bad_tasks")
     assert "bad_tasks.py has no 'Goood'; did you mean 'Good'?" in terminal.refused("check", "bad_tasks.py:Goood")
 

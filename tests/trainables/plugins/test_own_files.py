@@ -96,7 +96,7 @@ def test_a_worker_gets_the_file_and_computes_the_same_bits(tank: Path) -> None:
     key = cell.task.rpartition(":Task")[0]
     packed = {key: loader.packed()[key].decode()}
     code = (
-        "import json, sys; from trainables.plugins import files; from trainables.cell import Cell\n"
+        "import json, sys; from trainables.plugins import loader as files; from trainables.cell import Cell\n"
         "from trainables.training.cell_run import run_cell\n"
         "data = json.load(sys.stdin); files.install({k: v.encode() for k, v in data['files'].items()})\n"
         "print(run_cell(Cell.from_json(data['cell']), lambda cell: None).digest)"
@@ -139,7 +139,7 @@ def test_two_files_of_one_name_live_side_by_side(tank: Path) -> None:
         ("x = 1\n\ny = x.nothing\n", r"own\.py:3: AttributeError: 'int' object has no attribute 'nothing'"),
         ("import no_such_module\n", r"own\.py:1: ModuleNotFoundError"),
         ("Tasks = 3\n", r"own\.py has no 'Task'; did you mean 'Tasks'\?"),
-        ("Task = 3\n", r"own\.py:Task is not a task \(it is 3\): make one with trainables\.own\.task"),
+        ("Task = 3\n", r"own\.py:Task is not a task \(it is 3\): make one with deltatune\.task"),
         ("def Task():\n    return 1 / 0\n", r"calling it failed \(ZeroDivisionError: division by zero \(own\.py:2\)\)"),
     ],
 )

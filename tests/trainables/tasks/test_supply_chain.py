@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from trainables.tasks.builtin.supply_chain import settle, step
+from trainables.tasks.builtin.supply_chain_model import settle, step
 from trainables.tasks.make import make_env
 from trainables.tasks.registry import model_of, parse_task
 

@@ -8,7 +8,9 @@ import re
 import numpy as np
 import pytest
 
-from trainables.tasks.builtin.windy_gridworld import DOWN, LEFT, RIGHT, SIZE, UP, WINDS, land, step
+from trainables.tasks.builtin import windy_gridworld
+from trainables.tasks.builtin.windy_gridworld import WINDS
+from trainables.tasks.builtin.windy_gridworld_model import DOWN, LEFT, RIGHT, SIZE, UP, land, step
 from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 
@@ -23,6 +25,10 @@ Additional Transfer Scenario 2	[0, 1, -1, 1, 1, 1, -2, 2, 1, 0, 0, 1, -1, 1, 1, 
 
 def _printed(text: str) -> list[tuple[int, ...]]:
     return [tuple(json.loads(line)) for line in re.findall(r"\t(\[[-\d, ]+\])", text)]
+
+
+def test_the_grid_has_a_wind_for_each_of_its_columns() -> None:
+    assert windy_gridworld.SIZE == SIZE
 
 
 def test_the_winds_are_those_of_table_2() -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csr_array
+if TYPE_CHECKING:  # light to import: those who make a model have these anyway
+    import numpy as np
+    from numpy.typing import NDArray
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class TransitionModel:
     @property
     def terminal(self) -> NDArray[np.bool_]:
         """(S,): the states that end an episode."""
+        import numpy as np
+
         actions = self.rewards.shape[1]
         result: NDArray[np.bool_] = np.diff(self.transitions.indptr[::actions]) == 0
         return result

@@ -1,0 +1,148 @@
+"""Commands on sweeps as things: list, compare, rename, remove."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, Sweep, app, out, print_json, program
+from deltatune.cli.tables import duration, table
+
+if TYPE_CHECKING:
+    from orchestrator.results.sweep_folder import Results
+
+
+@app.command("list", rich_help_panel=RUN_PANEL)
+def list_(storage: Storage = RESULTS, as_json: Json = False) -> None:
+    """List the sweeps of a storage folder: when they ran, how far they are, the largest effect, what they cost."""
+    from orchestrator.results.status import sweeps
+
+    found = [_overview(results) for results in sweeps(storage, None)]
+    found.sort(key=lambda data: data["changed"] or data["created"], reverse=True)
+    if as_json:
+        print_json(found)
+        return
+    if not found:
+        out.print(f"{storage} holds no sweep yet: {program()} sweep demo", soft_wrap=True)
+        return
+    columns = ("sweep", "created", "last cell", "cells done", "failed", "largest effect of transfer", "core time")
+    out.print(table(columns, [_line(data) for data in found]))
+
+
+def _overview(results: Results) -> dict[str, Any]:
+    """Return what `list` says of a sweep, from its records and its best.yaml."""
+    from orchestrator.export.largest_effect import largest_effect
+    from orchestrator.results.lock import driver
+
+    heads = [head for _, _, head in results.ended()]
+    ended = [head for head in heads if head is not None]
+    return {
+        "sweep": results.name,
+        "created": results.meta()["created"],
+        "changed": max((head.finished for head in ended), default=None),
+        "cells": len(heads),
+        "done": sum(head.status == "done" for head in ended),
+        "failed": sum(head.status == "failed" for head in ended),
+        "largest_effect": largest_effect(results.folder / "best.yaml"),
+        "core_seconds": sum(head.seconds for head in ended),
+        "driver": driver(results.folder),
+    }
+
+
+def _line(data: dict[str, Any]) -> tuple[str, ...]:
+    effect = data["largest_effect"]
+    said = "-"
+    if effect is not None:
+        ratio, low, high = (100 * effect[key] for key in ("value", "low", "high"))
+        said = f"{ratio:+.0f}% [{low:+.0f}, {high:+.0f}] {effect['agent']} on {effect['task']}"
+    last = "running" if data["driver"] else _date(data["changed"])
+    cells = f"{data['done']} of {data['cells']}"
+    return data["sweep"], _date(data["created"]), last, cells, str(data["failed"]), said, duration(data["core_seconds"])
+
+
+def _date(seconds: float | None) -> str:
+    return "-" if seconds is None else time.strftime("%Y-%m-%d %H:%M", time.localtime(seconds))
+
+
+@app.command(rich_help_panel=RUN_PANEL)
+def compare(
+    first: Annotated[str, typer.Argument(metavar="A", help="A sweep.")],
+    second: Annotated[str, typer.Argument(metavar="B", help="Another sweep.")],
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Compare the best configurations of two sweeps, where both have the same task, agent and source.
+
+    The difference is B - A in AUC, paired by the seeds that both have, with its 95 % interval.
+    """
+    from orchestrator.analysis.comparison import compare as compared
+    from orchestrator.analysis.findings import find
+    from orchestrator.analysis.metrics import DIFFERENCE
+    from orchestrator.results.sweep_folder import Results
+    from trainables.plugins.names import short
+
+    found = compared(*(find(Results.open(storage, name)) for name in (first, second)))
+    if as_json:
+        print_json(asdict(found))
+        return
+    columns = ("task", "agent", "source", f"AUC in {first}", f"AUC in {second}", "difference [95%]", "verdict")
+    rows: list[tuple[Any, ...]] = []
+    last = ""
+    for row in found.rows:
+        task = short(row.task)
+        gap = DIFFERENCE.text(row.difference) if row.difference else "no seed in common"
+        aucs = f"{row.first:.2f}", f"{row.second:.2f}"
+        rows.append(("" if task == last else task, short(row.agent), row.source, *aucs, gap, row.verdict))
+        last = task
+    out.print(table(columns, rows, "Best configurations by mean AUC over seeds"))
+    for name, only in ((first, found.only_first), (second, found.only_second)):
+        if only:
+            out.print(f"Only in {name}: {'; '.join(short(each) for each in only)}", soft_wrap=True)
+
+
+@app.command(rich_help_panel=RUN_PANEL)
+def rm(
+    names: Annotated[list[str], typer.Argument(metavar="SWEEP...", help="The sweeps to remove.")],
+    yes: Annotated[bool, typer.Option("-y", "--yes", help="Do not ask.")] = False,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Remove sweeps with all their results. The source library and MLflow keep what they have of them."""
+    from orchestrator.results.admin import remove
+    from orchestrator.results.sweep_folder import Results
+    from trainables.errors import InputError
+
+    found = [Results.open(storage, name) for name in names]
+    if not yes:
+        if not sys.stdin.isatty():
+            raise InputError(f"rm removes {', '.join(str(each.folder) for each in found)} for good: confirm with --yes")
+        cells = sum(len(each.heads()) for each in found)
+        typer.confirm(f"Remove {', '.join(names)} with {cells} ended cells?", abort=True)
+    for results in found:
+        remove(results)
+    if as_json:
+        print_json({"removed": [str(each.folder) for each in found]})
+    else:
+        out.print(f"removed {', '.join(str(each.folder) for each in found)}", soft_wrap=True)
+
+
+@app.command(rich_help_panel=RUN_PANEL)
+def mv(
+    name: Sweep,
+    new: Annotated[str, typer.Argument(metavar="NEW_NAME", help="The name that it gets.")],
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Rename a sweep. MLflow keeps its runs under the old name; 'deltatune sync NEW_NAME' writes them under the new."""
+    from orchestrator.results.admin import rename
+    from orchestrator.results.sweep_folder import Results
+
+    moved = rename(Results.open(storage, name), new)
+    if as_json:
+        print_json({"sweep": moved.name, "folder": str(moved.folder)})
+    else:
+        out.print(f"{name} is called {moved.name} now: {moved.folder}", soft_wrap=True)

@@ -1,0 +1,85 @@
+"""Two sweeps beside each other: their best configurations, task by task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from orchestrator.analysis import statistics
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from orchestrator.analysis.statistics import Estimate
+
+
+@dataclass(frozen=True)
+class Row:
+    """What both sweeps have: a task, an agent and a source."""
+
+    task: str
+    agent: str
+    source: str
+    first: float
+    """Mean AUC over the seeds of the first sweep."""
+    second: float
+    seeds: int
+    """Seeds that both have."""
+    difference: Estimate | None
+    """Second - first, paired by those seeds; None where there are none."""
+    verdict: str
+    """higher, lower, the same, or undecided."""
+
+
+@dataclass(frozen=True)
+class SweepComparison:
+    """The rows that two sweeps share, and what only one of them has."""
+
+    rows: tuple[Row, ...]
+    only_first: tuple[str, ...]
+    only_second: tuple[str, ...]
+
+
+def compare(first: Findings, second: Findings) -> SweepComparison:
+    """Return the best configurations of both sweeps beside each other."""
+    mine, theirs = ({key: selected.best for key, selected in each.selected.items()} for each in (first, second))
+    rows = tuple(_row(mine[key], theirs[key], first, second) for key in mine if key in theirs)
+    return SweepComparison(
+        rows,
+        tuple(_name(group) for key, group in mine.items() if key not in theirs),
+        tuple(_name(group) for key, group in theirs.items() if key not in mine),
+    )
+
+
+def _name(group: Group) -> str:
+    source = "" if group.source == "none" else f" ({group.source} source)"
+    return f"{group.agent} on {group.task}{source}"
+
+
+def _row(mine: Group, theirs: Group, first: Findings, second: Findings) -> Row:
+    before, after = (_aucs(findings, group) for findings, group in ((first, mine), (second, theirs)))
+    seeds = sorted(before.keys() & after.keys())
+    gap = statistics.difference([after[s] for s in seeds], [before[s] for s in seeds]) if seeds else None
+    return Row(
+        mine.task,
+        mine.agent,
+        mine.source_label,
+        first=statistics.mean(list(before.values())).value,
+        second=statistics.mean(list(after.values())).value,
+        seeds=len(seeds),
+        difference=gap,
+        verdict=_verdict(gap),
+    )
+
+
+def _aucs(findings: Findings, group: Group) -> dict[int, float]:
+    cells = findings.cells
+    done = cells[(cells["group"] == group.id) & (cells["status"] == "done")]
+    return {int(seed): float(auc) for seed, auc in zip(done["seed"], done["auc"], strict=True)}
+
+
+def _verdict(gap: Estimate | None) -> str:
+    if gap is None:
+        return "undecided"
+    if gap.value == 0 and (gap.low, gap.high) in ((0, 0), (None, None)):
+        return "the same"
+    if gap.low is None or gap.high is None or gap.low <= 0 <= gap.high:
+        return "undecided"
+    return "higher" if gap.low > 0 else "lower"

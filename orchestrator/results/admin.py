@@ -1,0 +1,41 @@
+"""Renaming and removing sweeps, never under a driver."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+from orchestrator.results.lock import locked
+from orchestrator.results.sweep_folder import NAME, Results
+from trainables.errors import InputError
+from trainables.storage.atomic import write_atomic
+from trainables.storage.paths import is_local
+
+
+def remove(results: Results) -> None:
+    """Delete a sweep's folder; InputError where a driver is at it."""
+    with locked(results.folder):
+        (results.folder / "sweep.json").unlink()  # first: what is left of a removal that was cut off is no sweep
+    if is_local(results.folder):
+        shutil.rmtree(results.folder)
+        return
+    for path in results.folder.rglob("*"):
+        if path.is_file():
+            path.unlink()
+
+
+def rename(results: Results, name: str) -> Results:
+    """Give a sweep another name; InputError for a bad or taken one, a running sweep, and on an object store."""
+    folder: Path = results.storage / name
+    if not NAME.match(name):
+        raise InputError(f"a sweep's name must be letters, digits, dots, dashes and underscores (got '{name}')")
+    if folder.exists():
+        raise InputError(f"there is a sweep or a folder '{name}' in {results.storage} already")
+    if not is_local(folder):
+        raise InputError(f"a sweep in {results.storage} cannot be renamed: an object store has no folders to rename")
+    with locked(results.folder):
+        results.folder.rename(folder)
+        path = folder / "sweep.json"
+        write_atomic(path, json.dumps(json.loads(path.read_bytes()) | {"name": name}, indent=1).encode())
+    return Results(folder)
