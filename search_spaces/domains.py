@@ -37,7 +37,7 @@ class Range(Strict):
     paper: str | None = None
 
     def ends(self) -> tuple[Scalar, Scalar]:
-        """The two ends, as the type that is drawn."""
+        """Return the two ends, as the type that is drawn."""
         return (int(self.low), int(self.high)) if self.integer else (self.low, self.high)
 
     @model_validator(mode="after")
@@ -50,7 +50,7 @@ class Range(Strict):
 
 
 def _read(value: Any, info: ValidationInfo) -> Any:
-    """A bare value or list is a grid; an object with `low` is a range."""
+    """Read a bare value or list as a grid, an object with `low` as a range."""
     if isinstance(value, Grid | Range):
         return value
     if isinstance(value, dict):

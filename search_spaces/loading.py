@@ -34,7 +34,7 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456
 
 
 def read_yaml(path: Path) -> Any:
-    """The contents of a YAML file; InputError where it cannot be read, with the line."""
+    """Return the contents of a YAML file; InputError where it cannot be read, with the line."""
     try:
         return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)  # noqa: S506 (a SafeLoader)
     except (OSError, UnicodeDecodeError) as error:
@@ -48,7 +48,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def scalar(text: str) -> Any:
-    """One value as YAML reads it: 5 and 1e-4 are numbers, terminal is text; InputError for what is no value."""
+    """Return one value as YAML reads it: 5 and 1e-4 are numbers, terminal is text; InputError for what is no value."""
     try:
         value = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
     except (yaml.YAMLError, ValueError):
@@ -60,14 +60,14 @@ def scalar(text: str) -> Any:
 
 @cache
 def built_in() -> dict[str, Path]:
-    """The files of the built-in search spaces by name."""
+    """Return the files of the built-in search spaces by name."""
     return {path.stem.replace("_", "-"): path for path in sorted(FOLDER.glob("*.yaml"))}
 
 
 def parse(where: str, data: object, folders: Sequence[Path] = ()) -> SearchSpace:
-    """The search space in `data`; InputError that starts with `where` for anything wrong in it.
+    """Return the search space in `data`; InputError that starts with `where` for anything wrong in it.
 
-    folders: where the files of own tasks and agents are looked for, and run. None is run where there are none.
+    folders: where the files of custom tasks and agents are looked for, and run. None is run where there are none.
     """
     if not isinstance(data, dict):
         raise InputError(f"{where}: a search space must be a mapping of keys to values")
@@ -82,9 +82,9 @@ def parse(where: str, data: object, folders: Sequence[Path] = ()) -> SearchSpace
 
 
 def load(name: str) -> SearchSpace:
-    """The built-in search space called `name`, or the one in the YAML file `name`.
+    """Return the built-in search space called `name`, or the one in the YAML file `name`.
 
-    The own files that a YAML file names are looked for beside it, then in the current folder, and run.
+    The files of custom code that a YAML file names are looked for beside it, then in the current folder, and run.
     """
     if name in built_in():
         return parse(name, read_yaml(built_in()[name]))

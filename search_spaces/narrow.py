@@ -21,7 +21,7 @@ def narrow(
     seeds: int | None = None,
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> SearchSpace:
-    """The part of `space` with these target tasks (full names, or a family's name for all of its), and agents.
+    """Return the part of `space` with these target tasks (full names, or a family's name for all of its), and agents.
 
     seeds and hyperparameters replace the space's own. Raises InputError for what the space does not have.
     """
@@ -43,13 +43,13 @@ def narrow(
     return parse(space.name, data)
 
 
-def _settle(data: dict[str, Any], given: Mapping[str, Any]) -> None:
-    """Put `given` in place of every grid of the same name, and leave out what no agent that is left knows."""
+def _settle(data: dict[str, Any], values: Mapping[str, Any]) -> None:
+    """Put `values` in place of every grid of the same name, and leave out what no agent that is left knows."""
     known = {key for name in data["agents"] for key in agent_named(name).hyperparameters.model_fields}
     shared = {key: option for key, option in data["hyperparameters"].items() if key in known}
-    data["hyperparameters"] = shared | {key: {"values": [value]} for key, value in given.items()}
+    data["hyperparameters"] = shared | {key: {"values": [value]} for key, value in values.items()}
     for own in (*data["agents"].values(), *(scenario["source"]["hyperparameters"] for scenario in data["scenarios"])):
-        for key in given:
+        for key in values:
             own.pop(key, None)
 
 

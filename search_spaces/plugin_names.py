@@ -1,4 +1,4 @@
-"""Own tasks and agents in a search space: their files are loaded, and their names get the hash of the content."""
+"""Custom tasks and agents in a search space: their files are loaded, and their names get the hash of the content."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trainables.tasks.registry import parse_task
 
 
 def pinned(data: dict[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
-    """The search space `data` with every name of own code by file in its canonical form.
+    """Return the search space `data` with every name of custom code by file in its canonical form.
 
     folders: where the files are looked for. What is not shaped like a search space is left for its own check.
     """

@@ -17,7 +17,7 @@ from trainables.tasks.spec.family import Task
 
 
 def _seeds(value: object) -> object:
-    """A number of seeds n means 0..n-1."""
+    """Return the seeds 0..n-1 for a number n."""
     if isinstance(value, int) and not isinstance(value, bool):
         if value < 1:
             raise ValueError(f"must be at least 1, or a list of seeds (got {value})")
@@ -135,7 +135,7 @@ class SearchSpace(Strict):
         return self
 
     def _check_agent(self, agent: Agent, own: Hyperparameters, tasks: list[Task]) -> None:
-        """Every value that may be tried must be one that the agent takes on each task."""
+        """Check that the agent takes every value that may be tried, on each task."""
         known = agent.hyperparameters.model_fields
         shared = {key: option for key, option in self.hyperparameters.items() if key in known}
         for key, option in {**shared, **own}.items():
@@ -149,7 +149,7 @@ class SearchSpace(Strict):
                 raise ValueError(f"hyperparameters.{key} is known to none of the agents ({', '.join(self.agents)})")
 
     def to_json(self) -> dict[str, object]:
-        """The space as plain data; `SearchSpace.model_validate(space.to_json()) == space`."""
+        """Return the space as plain data; `SearchSpace.model_validate(space.to_json()) == space`."""
         return self.model_dump(mode="json", by_alias=True)
 
 
@@ -160,12 +160,12 @@ def _once(what: str, names: list[str]) -> None:
 
 
 def _check_shapes(source: Task, target: Task) -> None:
-    """Source knowledge is only of use on the same states, or observations, and actions."""
+    """Check that source and target have the same states, or observations, and actions."""
     if source.family is target.family and source.family.origin == "built-in":
         return
     try:
         spaces = [_spaces(source.name), _spaces(target.name)]
-    except Exception:  # own code that cannot be built, or is not here: its cells say why, the others run
+    except Exception:  # custom code that cannot be built, or is not here: its cells say why, the others run
         if {source.family.origin, target.family.origin} == {"built-in"}:
             raise
         return
@@ -175,7 +175,7 @@ def _check_shapes(source: Task, target: Task) -> None:
 
 @functools.cache
 def _spaces(name: str) -> str:
-    """The shape of its observations (or its states) and its actions, in words."""
+    """Return the shape of its observations (or its states) and its actions, in words."""
     env = make_env(parse_task(name))
     states, actions = getattr(env.observation_space, "n", None), getattr(env.action_space, "n", None)
     shape = env.observation_space.shape

@@ -42,7 +42,7 @@ agents:  # one value, a list to try each of, or a range with 'search'
 
 
 def starter(typed: str, name: str, file: str) -> str:
-    """The YAML of a search space for the task called `name`, which the user calls `typed`.
+    """Return the YAML of a search space for the task called `name`, which the user calls `typed`.
 
     Its features, where it has some off their defaults, make the target; else the family's own targets do.
     """
@@ -76,13 +76,13 @@ def starter(typed: str, name: str, file: str) -> str:
 
 
 def _shown(agent: Agent, task: Task) -> str:
-    """An agent's most telling hyperparameters, as they are for the task."""
+    """Return an agent's most telling hyperparameters, as they are for the task."""
     values = agent.resolve(task, {}).model_dump()
     return ", ".join(f"{name}: {values[name]}" for name in agent.shown)
 
 
 def _features(typed: str) -> str:
-    """The text of the features in a name, its colon included."""
+    """Return the text of the features in a name, its colon included."""
     match = re.search(r":[A-Za-z_][\w.]*=.*$", typed)
     return match.group() if match else ""
 
@@ -92,7 +92,7 @@ def _text(task: Task) -> str:
 
 
 def _targets(task: Task, source: Task) -> list[str]:
-    """The features of each target, as text."""
+    """Return the features of each target, as text."""
     if task.changed != source.changed:
         return [_text(task)]
     prefix = f"{_text(source)}," if source.changed else ""
@@ -112,6 +112,6 @@ def _targets(task: Task, source: Task) -> list[str]:
 
 
 def _slug(text: str) -> str:
-    """A name for the sweep."""
+    """Return a name for the sweep."""
     text = re.sub(r"\.py(:Task$|:)|^gym:", "-", text.rpartition("/")[2] if ".py" in text else text)
     return re.sub(r"[^A-Za-z0-9]+", "-", text).strip("-").lower()[:64] or "mine"

@@ -23,7 +23,7 @@ ID_LENGTH = 16
 
 
 def content_id(data: object) -> str:
-    """The first 64 bits of the SHA-256 of canonical JSON, in hexadecimal."""
+    """Return the first 64 bits of the SHA-256 of canonical JSON, in hexadecimal."""
     text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:ID_LENGTH]
 
@@ -80,7 +80,7 @@ class Cell(BaseModel):
         hyperparameters: dict[str, Any] | None = None,
         source: Source | Iterable[Source] | None = None,
     ) -> Cell:
-        """A checked cell with canonical names and all hyperparameters.
+        """Return a checked cell with canonical names and all hyperparameters.
 
         source: several for an agent that chooses among them. Raises InputError for anything unknown, out of range, or
         missing (a source, for an agent that needs one).
@@ -117,19 +117,19 @@ class Cell(BaseModel):
         return content_id([*shared, kinds[1:]] if len(kinds) > 1 else shared)
 
     def _written(self) -> dict[str, float | int | str | bool]:
-        """The hyperparameters but those with the value that cells had before the agent knew of them: ids last."""
+        """Return the hyperparameters but those that are as they were before the agent knew of them: ids last."""
         unwritten = agent_named(self.agent).hyperparameters.unwritten
         return {name: value for name, value in self.hyperparameters.items() if unwritten.get(name) != value}
 
     def to_json(self) -> dict[str, Any]:
-        """The cell as plain data, with its schema version."""
+        """Return the cell as plain data, with its schema version."""
         data = self.model_dump() | {"hyperparameters": self._written()}
         first, *library = data.pop("sources") or (None,)
         return {"schema": SCHEMA, **data, "source": first} | ({"library": library} if library else {})
 
     @classmethod
     def from_json(cls, data: object) -> Cell:
-        """The cell that `to_json` wrote; InputError where it is not one, or of another schema version."""
+        """Return the cell that `to_json` wrote; InputError where it is not one, or of another schema version."""
         if not isinstance(data, dict):
             raise InputError(f"a cell must be an object (got {data!r})")
         if data.get("schema") != SCHEMA:
@@ -146,7 +146,7 @@ class Cell(BaseModel):
 
 
 def _checked_sources(agent: Agent, sources: Iterable[Source]) -> tuple[Source, ...]:
-    """The sources with canonical names; InputError for too many, too few, one that does not fit, or one given twice."""
+    """Return the sources with canonical names; InputError for too many, too few, a misfit, or one given twice."""
     found = tuple(sources)
     if agent.needs_source and not found:
         raise InputError(f"{agent.name} needs a source task")

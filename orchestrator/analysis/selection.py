@@ -30,7 +30,7 @@ class Selected:
 
 
 def select(groups: Iterable[Group], cells: pd.DataFrame) -> dict[Key, Selected]:
-    """The selection for every arm with at least one complete group."""
+    """Return the selection for every arm with at least one complete group."""
     byname: dict[Key, list[Group]] = {}
     for group in groups:
         byname.setdefault(group.key, []).append(group)

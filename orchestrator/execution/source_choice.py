@@ -14,7 +14,7 @@ from trainables.cell import Cell
 
 
 def choose(ledger: Ledger, arm: Arm, planned: Iterable[Cell]) -> SourceChoice:
-    """The outcome of stage 1 for one source's arm, whose cells are among `planned` and have ended.
+    """Return the outcome of stage 1 for one source's arm, whose cells are among `planned` and have ended.
 
     Where no configuration has all its seeds, the source is lost, and the choice says why.
     """

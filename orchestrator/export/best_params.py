@@ -25,7 +25,7 @@ SCHEMA = 1
 
 
 def best(findings: Findings) -> dict[str, Any]:
-    """The best hyperparameters of each arm, as plain data."""
+    """Return the best hyperparameters of each arm, as plain data."""
     cells, selected = findings.each_cell, findings.selected
     wanted = dict.fromkeys(group.key for group in findings.groups)
     return {
@@ -53,7 +53,7 @@ def write_best(findings: Findings, path: Path) -> dict[str, Any]:
 
 
 def read_params(path: Path) -> Params:
-    """The hyperparameters in a file that `write_best` wrote, by arm; InputError if it is not one."""
+    """Return the hyperparameters in a file that `write_best` wrote, by arm; InputError if it is not one."""
     data = read_yaml(path)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not isinstance(data.get("best"), list):
         raise InputError(f"{path}: not a file of best hyperparameters (schema {SCHEMA}, written by 'deltatune export')")
@@ -78,7 +78,7 @@ def _key(task: str, agent: str, kind: str, source_task: str, pick: str) -> Key:
 
 
 def _incomplete(key: Key) -> list[str]:
-    """What an arm without a complete configuration is called: task, agent, kind of source, source task, pick."""
+    """Return what an arm without a complete configuration is called: task, agent, kind of source, source task, pick."""
     return [key.task, key.agent, key.kind, key.source_task, key.pick]
 
 

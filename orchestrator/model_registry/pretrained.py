@@ -42,13 +42,13 @@ class Pretrained:
     """Seed to T, the training steps of that seed's source run; its own for a seed that is not there."""
 
     def run(self, seed: int) -> SourceRun:
-        """The source run that a target cell of this seed sees."""
+        """Return the source run that a target cell of this seed sees."""
         own = int(self.knowledge.arrays.get("steps", 0))
         return SourceRun(self.cell, self.best_return, self.auc, self.steps.get(seed, own))
 
 
 def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Pretrained]:
-    """The sources called `names`: models:/NAME@ALIAS, models:/NAME/VERSION, or a file of a source library.
+    """Return the sources called `names`: models:/NAME@ALIAS, models:/NAME/VERSION, or a file of a source library.
 
     uri: the MLflow store that the first two are in. Raises InputError for one that is not there, is damaged, does not
     fit its task, or is of no scenario of the space; and for two of one task that do not go together.
@@ -85,7 +85,7 @@ def keep(found: Sequence[Pretrained], results: Results) -> None:
 
 
 def runs(found: Sequence[Pretrained], seeds: Sequence[int]) -> Runs:
-    """Whose knowledge each seed gets: one source of a task serves every seed, several serve their own."""
+    """Return whose knowledge each seed gets: one source of a task serves every seed, several serve their own."""
     by_task: dict[str, dict[int, SourceRun]] = {}
     for source in found:
         alone = sum(other.cell.task == source.cell.task for other in found) == 1
@@ -129,7 +129,7 @@ def _read(name: str, data: bytes) -> Pretrained:
 
 
 def _check_shape(name: str, knowledge: Knowledge, task: Task) -> None:
-    """InputError for arrays that are no finite table or network of the task's shape."""
+    """Raise InputError for arrays that are no finite table or network of the task's shape."""
     try:
         if task.tabular:
             dynamics = task.dynamics()
@@ -163,7 +163,7 @@ def _check_network(arrays: Mapping[str, np.ndarray[Any, Any]], task: Task) -> No
 
 
 def _check_together(found: Sequence[Pretrained]) -> None:
-    """Several sources of one task must differ in their seed, and in nothing else."""
+    """Raise InputError where several sources of one task differ in more than their seed."""
     first: dict[str, Pretrained] = {}
     for source in found:
         other = first.setdefault(source.cell.task, source)

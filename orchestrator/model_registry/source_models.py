@@ -30,7 +30,7 @@ class SourceModel:
     """Seed to T, the training steps of that seed's own source run at these hyperparameters (eq. 6)."""
 
     def tags(self, sweep: str) -> dict[str, str]:
-        """What the version's tags say; `steps` and `hyperparameters` are JSON."""
+        """Return what the version's tags say; `steps` and `hyperparameters` are JSON."""
         return {
             "cell_id": self.cell.id,
             "task": self.cell.task,
@@ -47,12 +47,12 @@ class SourceModel:
 
 
 def steps_text(steps: Mapping[int, int]) -> str:
-    """Seed to steps as JSON, in the order of the seeds."""
+    """Return seed to steps as JSON, in the order of the seeds."""
     return json.dumps({str(seed): steps[seed] for seed in sorted(steps)})
 
 
 def read_steps(text: str) -> dict[int, int]:
-    """What `steps_text` wrote; ValueError for anything else."""
+    """Return what `steps_text` wrote; ValueError for anything else."""
     data = json.loads(text)
     if not isinstance(data, dict):
         raise ValueError(f"steps must be an object (got {text})")
@@ -81,7 +81,7 @@ def source_models(results: Results) -> list[SourceModel]:
 
 
 def model_name(task: str) -> str:
-    """The name of the registered model of a source task, in letters, digits, dots, dashes and underscores.
+    """Return the name of the registered model of a source task, in letters, digits, dots, dashes and underscores.
 
     deltatune-cartpole, deltatune-windy_gridworld-wind-reversed; a name that this would not tell from another's, or
     that is too long, ends in a hash of the task's.
@@ -99,6 +99,6 @@ def logged_name(name: str) -> str:
 
 
 def standing(tags: Mapping[str, str]) -> tuple[float, ...]:
-    """What the best version of a task is chosen by: tabular, AUC; deep, the best greedy evaluation and then AUC."""
+    """Return what the best version of a task has most of: tabular, AUC; deep, the best greedy evaluation, then AUC."""
     score = float(tags["auc"])
     return (score,) if parse_task(tags["task"]).tabular else (float(tags["best_return"]), score)

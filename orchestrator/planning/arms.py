@@ -34,7 +34,7 @@ Params = Mapping[Key, Values]
 
 
 def entry_of(params: Params, key: Key) -> Key | None:
-    """The entry of `params` that says what an arm has, or None. One without a pick, or source task, is for them all."""
+    """Return the entry of `params` for an arm, or None. One without a pick or source task is for them all."""
     entries = (key, key._replace(pick=""), key._replace(source_task=""), key._replace(source_task="", pick=""))
     return next((entry for entry in entries if entry in params), None)
 
@@ -50,12 +50,12 @@ PLAIN = Label()
 
 
 def default_pick(task: str) -> str:
-    """Whose knowledge a seed gets from a source task where the search space does not say."""
+    """Return whose knowledge a seed gets from a source task where the search space does not say."""
     return "own_seed" if parse_task(task).tabular else "best_evaluated"
 
 
 def configuration_id(cell: Cell, label: Label) -> str:
-    """The id that the cells of a configuration share; a cell of two arms is in a configuration of each."""
+    """Return the id that the cells of a configuration share; a cell of two arms is in a configuration of each."""
     usual = ("", default_pick(cell.sources[0].task) if cell.sources else "")
     if label.pick in usual and not label.baseline_for:
         return cell.group
@@ -107,7 +107,7 @@ class Arm:
         return {*self.ranges, *(name for values in self.grid for name in values)}
 
     def owns(self, cell: Cell) -> bool:
-        """Whether the cell is one of this arm: it differs from what the arm trains within the ranges alone."""
+        """Return whether the cell is one of this arm: it differs from what the arm trains within the ranges alone."""
         return (
             (cell.task, cell.agent) == (self.task, self.agent)
             and cell.seed in self.seeds
@@ -117,19 +117,19 @@ class Arm:
         )
 
     def first(self) -> Values:
-        """One of the arm's configurations."""
+        """Return one of the arm's configurations."""
         return self.grid[0] | {name: option.ends()[0] for name, option in self.ranges.items()}
 
     def cells(self, values: Values) -> list[Cell]:
-        """One cell per seed with these hyperparameters."""
+        """Return one cell per seed with these hyperparameters."""
         return [Cell.create(self.agent, self.task, seed, values, self.sources.get(seed, ())) for seed in self.seeds]
 
     def all_cells(self) -> list[Cell]:
-        """The cells of the whole grid; none for an arm with ranges, whose cells come up as it is searched."""
+        """Return the cells of the whole grid; none for an arm with ranges, whose cells come up as it is searched."""
         return [] if self.ranges else [cell for values in self.grid for cell in self.cells(values)]
 
     def some_cells(self) -> list[Cell]:
-        """The cells of the grid, or of one configuration from the ranges."""
+        """Return the cells of the grid, or of one configuration from the ranges."""
         return self.all_cells() or self.cells(self.first())
 
     def _fixed(self, values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
@@ -143,7 +143,7 @@ class Arm:
 
 
 def labels_of(arms: Iterable[Arm], cells: Iterable[Cell]) -> dict[str, list[Label]]:
-    """Cell id to the labels of the arms that it is of; cells whose arms say no more than they do are left out."""
+    """Return cell id to the labels of its arms; cells whose arms say no more than they do are left out."""
     candidates: dict[tuple[str, str], list[Arm]] = defaultdict(list)
     for arm in arms:
         candidates[arm.task, arm.agent].append(arm)
@@ -156,13 +156,13 @@ def labels_of(arms: Iterable[Arm], cells: Iterable[Cell]) -> dict[str, list[Labe
 
 
 def _inside(option: Range, value: float) -> bool:
-    """Whether a value that was rounded to 12 digits is from the range."""
+    """Return whether a value that was rounded to 12 digits is from the range."""
     room = 1e-9 * max(abs(option.low), abs(option.high))
     return option.low - room <= value <= option.high + room
 
 
 def distinct(arms: Iterable[Arm]) -> list[Arm]:
-    """Each arm once; of two that would train the same, one that can run. A baseline names its source if it must."""
+    """Return each arm once; of two that train the same, one that can run. A baseline names its source if it must."""
     found: dict[str, Arm] = {}
     for arm in arms:
         if arm.content not in found or found[arm.content].lost:

@@ -31,7 +31,7 @@ def check_params(file: str, params: Params, space: SearchSpace) -> str:
 
 
 def keys(space: SearchSpace) -> Iterator[Key]:
-    """The arms of both stages, in their order."""
+    """Yield the keys of both stages' arms, in their order."""
     for scenario in space.scenarios:
         for task in scenario.source.tasks:
             yield Key(parse_task(task).name, scenario.source.agent)
@@ -46,7 +46,7 @@ def keys(space: SearchSpace) -> Iterator[Key]:
 
 
 def _named(entries: Iterable[Key]) -> str:
-    """'delta_gate on cartpole (learned), ... and 3 more'."""
+    """Return 'delta_gate on cartpole (learned), ... and 3 more'."""
     names = list(
         dict.fromkeys(
             f"{short(key.agent)} on {short(key.task)}" + (f" ({key.kind})" if key.kind != "none" else "")

@@ -24,7 +24,7 @@ NOTHING = SourceChoice({}, {})
 
 
 def source_arms(space: SearchSpace, params: Params) -> list[dict[str, Arm]]:
-    """Stage 1 of each scenario: source task to the source's agent on it, where something is learned or chosen there.
+    """Return stage 1 of each scenario: source task to its arm, where something is learned or chosen there.
 
     The tasks of a library are trained as the scenario's own source task is.
     """
@@ -41,7 +41,7 @@ def _sources_of(space: SearchSpace, source: SourceSpace, params: Params) -> list
 
 
 def transfer_arms(space: SearchSpace, choices: Sequence[Choices], params: Params) -> list[Arm]:
-    """Stage 2: agents x targets x kinds of source, given each scenario's outcome of stage 1.
+    """Return stage 2: agents x targets x kinds of source, given each scenario's outcome of stage 1.
 
     An agent without transfer is the baseline at the hyperparameters that stage 1 settled for the scenario's source.
     """
@@ -75,7 +75,7 @@ def _transfer(
 def _configured(
     arm: Arm, space: SearchSpace, options: Mapping[str, Grid | Range], inherited: Values, params: Params
 ) -> Arm:
-    """The arm with its configurations: its options over the space's over what stage 1 settled; `params` over all."""
+    """Return the arm with its grid: its options over the space's over what stage 1 settled; `params` over all."""
     agent = agent_named(arm.agent)
     if (entry := entry_of(params, arm.key)) is not None:
         agent.resolve(parse_task(arm.task), params[entry])
@@ -90,7 +90,7 @@ def _configured(
 
 
 def _column(name: str, kind: str, pick: str, choices: Choices, seeds: Sequence[int]) -> dict[int, Source]:
-    """Seed to what is known of the source task `name`."""
+    """Return seed to what is known of the source task `name`."""
     task = parse_task(name)
     if kind == "exact":
         return {seed: Source(task=task.name, kind="exact") for seed in seeds}
@@ -105,6 +105,6 @@ def _column(name: str, kind: str, pick: str, choices: Choices, seeds: Sequence[i
 
 
 def _learned(task: Task, model: SourceRun, checkpoint: Literal["last", "best"], own: SourceRun) -> Source:
-    """The knowledge of `model`; T, the steps of C (eq. 6), is that of the target seed's own source run."""
+    """Return the knowledge of `model`; T, the steps of C (eq. 6), is that of the target seed's own source run."""
     steps = None if task.tabular else own.steps
     return Source(task=task.name, kind="learned", cell_id=model.cell.id, checkpoint=checkpoint, steps=steps)

@@ -22,7 +22,7 @@ Score = Callable[[Sequence[Cell]], float | None]
 
 
 def draw(arm: Arm, search: Search) -> list[Values]:
-    """Random search: `budget` draws from the arm's ranges, the same ones each time; its grid is cycled through."""
+    """Return `budget` random draws from the arm's ranges, the same ones each time; its grid is cycled through."""
     rng = np.random.RandomState(_seeds(arm, search, 0))
     draws = []
     for number in range(search.budget):
@@ -32,7 +32,7 @@ def draw(arm: Arm, search: Search) -> list[Values]:
 
 
 def sample(option: Range, rng: np.random.RandomState) -> float | int:
-    """One draw from a range: uniform, or uniform in the logarithm."""
+    """Return one draw from a range: uniform, or uniform in the logarithm."""
     low, high = option.low, option.high + option.integer
     if option.log:
         value = np.exp(rng.uniform(np.log(low), np.log(high)))
@@ -41,14 +41,14 @@ def sample(option: Range, rng: np.random.RandomState) -> float | int:
 
 
 def distribution(option: Range) -> BaseDistribution:
-    """A range as Optuna has it."""
+    """Return a range as Optuna has it."""
     if option.integer:
         return IntDistribution(int(option.low), int(option.high), log=option.log)
     return FloatDistribution(option.low, option.high, log=option.log)
 
 
 def _seeds(arm: Arm, search: Search, tried: int) -> list[int]:
-    """Each task, agent and kind of source draws its own numbers; a search that goes on does not repeat its first."""
+    """Return seeds of a task, agent and kind of source; a search that goes on does not repeat its first draws."""
     digest = hashlib.sha256("/".join((arm.task, arm.agent, arm.key.kind)).encode()).digest()
     return [int(word) for word in np.random.SeedSequence([search.seed, tried, *digest[:8]]).generate_state(4)]
 
@@ -78,12 +78,12 @@ class Tuned:
         return optuna.trial.create_trial(params=within, distributions=self._space, value=auc)
 
     def _rounded_into(self, name: str, value: Any) -> Any:
-        """The value; the end of its range where rounding to 12 digits has put it outside."""
+        """Return the value; the end of its range where rounding to 12 digits has put it outside."""
         option = self.arm.ranges.get(name)
         return value if option is None else min(max(value, option.ends()[0]), option.ends()[1])
 
     def suggest(self) -> tuple[str, list[Cell]]:
-        """(token, cells) of the next configuration."""
+        """Return (token, cells) of the next configuration."""
         token = str(self.left)
         self.left -= 1
         trial = self._study.ask(self._space)
@@ -92,17 +92,17 @@ class Tuned:
         return token, cells
 
     def cells(self, token: str) -> list[Cell]:
-        """The cells of a suggestion."""
+        """Return the cells of a suggestion."""
         return self._asked[token][1]
 
     def tell(self, token: str, auc: float | None) -> None:
-        """What became of a suggestion, the first time; None: its cells are not all done."""
+        """Take in the AUC of a suggestion, the first time; None: its cells are not all done."""
         trial = self._asked[token][0]
         state = optuna.trial.TrialState.FAIL if auc is None else optuna.trial.TrialState.COMPLETE
         self._study.tell(trial, auc, state, skip_if_finished=True)
 
 
 def _plain(value: Any) -> Any:
-    """A numpy scalar as a Python one, rounded to 12 digits so that its text is exact."""
+    """Return a numpy scalar as a Python one, rounded to 12 digits so that its text is exact."""
     value = value.item() if isinstance(value, np.generic) else value
     return float(f"{value:.12g}") if isinstance(value, float) else value

@@ -38,7 +38,7 @@ class SourceChoice:
     """Why there is none: no configuration has all its seeds. `values` and `runs` then stand for those that failed."""
 
     def best_seed(self) -> int:
-        """The seed with the best greedy evaluation; of those that reach the same, the one with the best AUC."""
+        """Return the seed with the best greedy evaluation; of those that reach the same, the one with the best AUC."""
         return max(self.runs, key=lambda seed: (self.runs[seed].best_return, self.runs[seed].auc))
 
 
@@ -49,7 +49,7 @@ Choices = Mapping[str, SourceChoice]
 def settle(
     arms: Sequence[Mapping[str, Arm]], pretrained: Runs, outcome: Callable[[Arm], SourceChoice]
 ) -> list[Choices]:
-    """The outcome of stage 1 for each scenario's arms: of a pretrained source, or `outcome` of what was trained."""
+    """Return the outcome of stage 1 for each scenario: of a pretrained source, or `outcome` of what was trained."""
     return [
         {
             task: pretrained_choice(arm, pretrained[task]) if task in pretrained else outcome(arm)
@@ -60,13 +60,13 @@ def settle(
 
 
 def pretrained_choice(arm: Arm, by_seed: Mapping[int, SourceRun]) -> SourceChoice:
-    """The outcome of a stage 1 that need not run: what it would have swept has the pretrained source's values."""
+    """Return the outcome of a stage 1 that need not run: what it would sweep has the pretrained source's values."""
     cell = next(iter(by_seed.values())).cell
     return SourceChoice({name: value for name, value in cell.hyperparameters.items() if name in arm.swept}, by_seed)
 
 
 def untrained(arm: Arm, steps: int = 0, lost: str = "") -> SourceChoice:
-    """A stand-in for an outcome that is not there: the arm's first configuration, as if nothing had been learned."""
+    """Return a stand-in for an outcome that is not there: the first configuration, as if nothing had been learned."""
     values = arm.first()
     runs = {cell.seed: SourceRun(cell, -math.inf, -math.inf, steps) for cell in arm.cells(values)}
     return SourceChoice({name: value for name, value in values.items() if name in arm.swept}, runs, lost)

@@ -1,4 +1,4 @@
-"""A sweep's notes on the own tasks and agents in it, so that its results can be read where their code is not."""
+"""A sweep's notes on the custom tasks and agents in it, so that its results can be read where their code is not."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FILE = "own.json"
 
 
 def keep(folder: Path, space: SearchSpace) -> None:
-    """Write the notes of every own task and agent of `space` into the sweep's folder; no file where there are none."""
+    """Write the notes of every custom task and agent of `space` into the sweep's folder; no file where it has none."""
     tasks = [name for scenario in space.scenarios for name in (*scenario.source.tasks, *scenario.targets)]
     families = {parse_task(name).family.name: parse_task(name).family for name in tasks}
     agents = {name: agent_named(name) for name in (*space.agents, *(s.source.agent for s in space.scenarios))}
@@ -46,7 +46,7 @@ def _read(folder: Path) -> dict[str, Any]:
 
 
 def note(thing: TaskFamily | Agent) -> dict[str, Any]:
-    """What has to be known of own code to read its results without it, as plain data."""
+    """Return what has to be known of custom code to read its results without it, as plain data."""
     if isinstance(thing, TaskFamily):
         return {"tabular": thing.model is not None, "defaults": dict(thing.defaults)}
     fields = thing.hyperparameters.model_fields
