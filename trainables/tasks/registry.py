@@ -21,7 +21,14 @@ def families() -> dict[str, TaskFamily]:
     """The registered task families by name."""
     from trainables.tasks.builtin import acrobot, cartpole, lunar_lander, reacher, supply_chain, windy_gridworld
 
-    modules = (windy_gridworld, supply_chain, cartpole, acrobot, lunar_lander, reacher)
+    modules = (
+        windy_gridworld,
+        supply_chain,
+        cartpole,
+        acrobot,
+        lunar_lander,
+        reacher,
+    )
     found = {module.FAMILY.name: module.FAMILY for module in modules}
     entry_points.check_names("task", found)
     return found

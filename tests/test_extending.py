@@ -1,0 +1,105 @@
+"""The steps of docs/extending.md, carried out on top of the code: what is added is found, swept and reported."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+STEP = re.compile(r"^`([\w/]+\.py)`[^\n]*:\n\n```(python|diff)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+TABULAR = {
+    "schema": 1,
+    "name": "tabular",
+    "seeds": 2,
+    "scenarios": [{"source": {"task": "corridor"}, "targets": ["corridor:draught=0.4"]}],
+    "hyperparameters": {"episodes": [20]},
+    "agents": {"q_learning": {}, "warm_reuse": {}},
+}
+DEEP = {
+    "schema": 1,
+    "name": "deep",
+    "seeds": 1,
+    "scenarios": [{"source": {"task": "cartpole", "agent": "dqn"}, "targets": ["cartpole:gravity=5x"]}],
+    "hyperparameters": {"episodes": [6], "evaluation_episodes": [2], "hidden_size": [8], "batch_size": [8]},
+    "agents": {"dqn": {}, "corrected_es": {}},
+}
+
+
+BOOT = """
+import importlib, sys
+from pathlib import Path
+overlay = Path(sys.argv.pop(1))
+for folder in sorted({path.parent for path in overlay.rglob("*.py")}):
+    package = importlib.import_module(".".join(folder.relative_to(overlay).parts))
+    package.__path__.insert(0, str(folder))
+from deltatune.cli.main import main
+main()
+"""
+"""Runs the command line with the files of a folder in place of those of the same name, and beside the others."""
+
+
+def steps(folder: Path) -> Path:
+    """A folder with every file that the page adds or changes; the others stay where their compiled kernels are."""
+    for name, form, text in STEP.findall((ROOT / "docs" / "extending.md").read_text()):
+        path, old = folder / name, ROOT / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if form == "python":
+            assert not old.exists(), f"{name} is there already"
+            path.write_text(text)
+        else:
+            path.write_text(patched((path if path.exists() else old).read_text(), text))
+    return folder
+
+
+def patched(content: str, diff: str) -> str:
+    """Insert the lines marked + after, or where they come first before, the line of the file beside them."""
+    lines, waiting, at = content.splitlines(), [], -1
+    for line in diff.splitlines():
+        sign, text = line[:1], line[1:]
+        if sign == "+" and at < 0:
+            waiting.append(text)
+        elif sign == "+":
+            at += 1
+            lines.insert(at, text)
+        else:
+            (found,) = [number for number, each in enumerate(lines) if each == text]
+            lines[found:found] = waiting
+            at, waiting = found + len(waiting), []
+    return "\n".join(lines) + "\n"
+
+
+def run(overlay: Path, folder: Path, *arguments: str) -> str:
+    """What a command prints with these steps taken."""
+    command = [sys.executable, "-c", BOOT, str(overlay), *arguments]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def overlay(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return steps(tmp_path_factory.mktemp("extended"))
+
+
+def test_the_new_agents_and_the_new_task_are_listed(overlay: Path, tmp_path: Path) -> None:
+    listed = run(overlay, tmp_path, "agents")
+    assert "warm_reuse" in listed
+    assert "corrected_es" in listed
+    assert "corridor" in run(overlay, tmp_path, "tasks")
+
+
+@pytest.mark.parametrize(("space", "agent"), [(TABULAR, "warm_reuse"), (DEEP, "corrected_es")])
+def test_a_sweep_with_them_runs_and_is_reported(overlay: Path, tmp_path: Path, space: dict, agent: str) -> None:
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space))
+    shown = run(overlay, tmp_path, "sweep", "space.yaml", "--local", "--workers", "1", "--storage", str(tmp_path / "r"))
+    assert agent in shown
+    assert not re.search(r"[1-9]\d* failed", shown)
+    assert agent in (tmp_path / "r" / str(space["name"]) / "report.html").read_text()
