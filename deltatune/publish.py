@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,32 +16,46 @@ from orchestrator.results.sweep_folder import Results
 from trainables.errors import InputError
 from trainables.storage.folders import workbench
 
+log = logging.getLogger("deltatune.publish")
+
 
 @dataclass(frozen=True)
 class Published:
     """What a sweep's results came to."""
 
     findings: Findings
-    report: Path
+    report: Path | None
+    """None where it could not be drawn."""
     figures: list[Path]
     best: Path | None
     """None where no configuration has all its seeds."""
+    missing: list[str]
+    """What could not be drawn and why, in sentences. The results are whole without it."""
 
 
 def publish(results: Results) -> Published:
-    """Write a sweep's tables (table.csv is the one for people: a row per configuration), report, figures, best.yaml."""
+    """Write a sweep's tables (table.csv is the one for people: a row per configuration), best.yaml, report, figures.
+
+    What others go on with is first; a picture that cannot be drawn costs nothing but itself.
+    """
     findings = find(results, results.write_tables())
     table = pd.DataFrame([row(group) for group in findings.groups], columns=list(COLUMNS))
-    there = results.folder
+    there, missing = results.folder, list[str]()
     with workbench(there) as folder:
         table.to_csv(folder / "table.csv", index=False)
-        report, *figures = (there / path.relative_to(folder).as_posix() for path in draw(findings, folder))
         best: Path | None = there / "best.yaml"
         try:
             write_best(findings, folder / "best.yaml")
         except InputError:
             best = None
-    return Published(findings, report, figures, best)
+        drawn: list[Path] = []
+        try:
+            drawn = draw(findings, folder, missing=missing)
+        except Exception as error:
+            log.exception("the report could not be drawn")
+            missing.append(f"report ({type(error).__name__}: {error})")
+        files = [there / path.relative_to(folder).as_posix() for path in drawn]
+    return Published(findings, files[0] if files else None, files[1:], best, missing)
 
 
 def artifacts(results: Results) -> list[Path]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,8 @@ from orchestrator.analysis.labels import settings_text
 from orchestrator.analysis.paper_table1 import same_row
 from orchestrator.analysis.paper_table1 import table_1 as paper_row
 
+log = logging.getLogger("deltatune.report")
+
 FACETS = 4
 """Most panels of a chart that stand beside each other for several targets; beyond, one target is shown at a time."""
 
@@ -41,10 +45,29 @@ class Section:
     content: tuple[Table | Figure, ...]
 
 
-def figures(findings: Findings) -> list[Figure]:
-    """Every figure, those too that the sweep has no data for."""
+def figures(findings: Findings, missing: list[str] | None = None) -> list[Figure]:
+    """Return every figure, those too that the sweep has no data for.
+
+    One that raises is absent, and the others are drawn all the same; `missing` is told of it in a sentence.
+    """
     charts = (transfer_matrix, evaluation_curves, delta_effect, gate, forest, sensitivity, advice_fraction)
-    return [module.chart(findings) for module in charts]
+    wanted: list[tuple[str, str, Callable[[Findings], Figure]]]
+    wanted = [(module.NAME, module.TITLE, module.chart) for module in charts]
+    drawn = []
+    for name, title, chart in wanted:
+        try:
+            drawn.append(chart(findings))
+        except Exception as error:
+            drawn.append(_failed(name, title, error, missing))
+    return drawn
+
+
+def _failed(name: str, title: str, error: Exception, missing: list[str] | None) -> Absent:
+    """Return what stands in for a figure that could not be drawn."""
+    log.error("the figure %s could not be drawn", name, exc_info=error)
+    if missing is not None:
+        missing.append(f"{name} ({type(error).__name__}: {error})")
+    return Absent(name, title, f"It could not be drawn: {type(error).__name__}: {error}.")
 
 
 def sections(findings: Findings, drawn: list[Figure]) -> list[Section]:
@@ -141,8 +164,8 @@ def winners(findings: Findings) -> list[Group]:
     return best
 
 
-def block(item: Table | Figure, specs: list[plotly_renderer.Spec]) -> dict[str, Any]:
-    """What the template needs for one table or figure; the panels' specs are added to `specs`."""
+def block(item: Table | Figure, specs: list[plotly_renderer.Spec], missing: list[str] | None = None) -> dict[str, Any]:
+    """Return what the template needs for one table or figure; the panels' specs are added to `specs`."""
     if isinstance(item, Table):
         return {"kind": "table", "table": item}
     if isinstance(item, Absent):
@@ -150,7 +173,11 @@ def block(item: Table | Figure, specs: list[plotly_renderer.Spec]) -> dict[str, 
     if isinstance(item, Matrix):
         return {"kind": "matrix", "figure": item, "lines": _lines(item)}
     first = len(specs)
-    specs.extend(plotly_renderer.specs(item))
+    try:
+        specs.extend(plotly_renderer.specs(item))
+    except Exception as error:
+        del specs[first:]
+        return {"kind": "absent", "figure": _failed(item.name, item.title, error, missing)}
     own = list(enumerate(specs[first:], first))
     names = list(dict.fromkeys(spec["target"] for _, spec in own))
     choose = names if len(own) > FACETS and len(names) > 1 else []
@@ -164,11 +191,11 @@ def _lines(item: Matrix) -> list[tuple[tuple[str, str, str], list[tuple[str, str
     ]
 
 
-def write(findings: Findings, drawn: list[Figure], path: Path) -> Path:
+def write(findings: Findings, drawn: list[Figure], path: Path, missing: list[str] | None = None) -> Path:
     """Write the report; the same findings give the same bytes."""
     specs: list[plotly_renderer.Spec] = []
     content = [
-        {"section": section, "blocks": [block(item, specs) for item in section.content]}
+        {"section": section, "blocks": [block(item, specs, missing) for item in section.content]}
         for section in sections(findings, drawn)
     ]
     render(path, findings, content, specs, stamp(findings), summary(findings, winners(findings)), winners(findings))

@@ -8,7 +8,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -16,6 +16,9 @@ from rich.text import Text
 from typer.core import TyperGroup
 
 from trainables.storage.paths import storage_path
+
+if TYPE_CHECKING:
+    from orchestrator.results.sweep_folder import Results
 
 ORDER = (
     *("sweep", "status", "list", "watch", "logs", "compare", "replay", "mv", "rm"),
@@ -79,7 +82,8 @@ PACKAGES = ("deltatune", "dashboards", "orchestrator", "search_spaces", "trainab
 def _console(stderr: bool) -> Console:
     """A console that does not fold its lines at 80 columns where it is not a terminal."""
     stream = sys.stderr if stderr else sys.stdout
-    return Console(stderr=stderr, highlight=False, markup=False, width=None if stream.isatty() else 160)
+    terminal = stream is not None and stream.isatty()  # None: it is closed
+    return Console(stderr=stderr, highlight=False, markup=False, width=None if terminal else 160)
 
 
 out, err = _console(stderr=False), _console(stderr=True)
@@ -151,6 +155,16 @@ def program() -> str:
     if Path(called).name == "__main__.py":
         return "python -m deltatune"
     return os.path.relpath(called) if Path(called).name == "deltatune" else "deltatune"
+
+
+def told_damage(results: Results) -> Results:
+    """Say on standard error what of a sweep's records is damaged, before anything is drawn from the others."""
+    from orchestrator.results.lock import driver
+
+    for damage in results.damage(running=driver(results.folder) is not None):
+        text = f"warning: {damage}: their cells are missing here; the sweep's own command runs them again"
+        err.print(text, soft_wrap=True, style="yellow")
+    return results
 
 
 def print_named(name: str, text: str, style: str = "bold") -> None:

@@ -58,13 +58,12 @@ def sweep(
     prepare(joins_cluster=address is not None)
     from deltatune.cli.sweep_report import interrupted, report
     from orchestrator.cluster.resources import Resources
+    from orchestrator.execution.session import SweepSession
     from orchestrator.execution.settings import Settings
-    from orchestrator.execution.sweep import run
     from orchestrator.export.best_params import read_params
     from orchestrator.model_registry import pretrained
     from orchestrator.planning.params import check_params
     from orchestrator.results.sweep_folder import Results
-    from orchestrator.tracking.tracker import Tracker
     from orchestrator.tracking.uri import tracking_uri as store_uri
     from search_spaces import narrow
     from search_spaces.loading import load
@@ -99,13 +98,13 @@ def sweep(
         from orchestrator.cluster.connection import check_address
 
         check_address(address)
-    results = Results.create(storage, name or chosen.name, chosen)
-    pretrained.keep(sources, results)
-    tracker = Tracker(results, uri) if uri else None
-    tally = run(results, how, err if as_json else out, tracker.record if tracker else lambda stage, record: None)
-    if tally.left:
-        interrupted(results, tally, tracker, as_json)
-    report(results, tally, tracker, as_json)
+    with SweepSession.open(
+        storage, name or chosen.name, chosen, sources=sources, tracking_uri=uri, console=err if as_json else out
+    ) as session:
+        tally = session.run(how)
+        if tally.left:
+            interrupted(session, tally, as_json)
+        report(session, tally, as_json)
 
 
 def _check_local(how: Settings) -> None:

@@ -11,6 +11,7 @@ import typer
 from deltatune.cli.app import err, out, print_json, print_named, program
 from deltatune.cli.tables import group_table
 from deltatune.publish import Published, artifacts, publish
+from orchestrator.execution.session import SweepSession
 from orchestrator.execution.settings import RunSummary
 from orchestrator.export.best_params import best
 from orchestrator.results.sweep_folder import Results
@@ -18,13 +19,13 @@ from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.uri import shown
 
 
-def report(results: Results, tally: RunSummary, tracker: Tracker | None, as_json: bool) -> None:
+def report(session: SweepSession, tally: RunSummary, as_json: bool) -> None:
     """Publish a sweep that has ended, and say what came of it and where it is."""
-    started = time.monotonic()
+    started, results, tracker = time.monotonic(), session.results, session.tracker
     console = err if as_json else out
     with console.status("tables, figures and MLflow"):
         published = publish(results)
-        sources = _register(results, tracker, tracker.finish(published.findings, artifacts(results))) if tracker else []
+        sources = session.finish(published.findings, artifacts(results))
     after = time.monotonic() - started
     if as_json:
         print_json(_summary(results, tally, published, tracker, after) | {"sources": sources})
@@ -32,34 +33,21 @@ def report(results: Results, tally: RunSummary, tracker: Tracker | None, as_json
         _print_report(results, tally, published, tracker, after)
         for source in sources:
             out.print(f"Source:   {source}", soft_wrap=True)
+    for why in published.missing:
+        err.print(f"not drawn: {why}", soft_wrap=True, style="yellow")
     if tally.failed:
         raise typer.Exit(1)
 
 
-def interrupted(results: Results, tally: RunSummary, tracker: Tracker | None, as_json: bool) -> NoReturn:
+def interrupted(session: SweepSession, tally: RunSummary, as_json: bool) -> NoReturn:
     """Say what a sweep that was stopped has done, and end with exit code 130."""
-    if tracker:
-        tracker.interrupt()
     if as_json:
-        print_json({"sweep": str(results.folder), "tally": asdict(tally), "interrupted": True})
+        print_json({"sweep": str(session.results.folder), "tally": asdict(tally), "interrupted": True})
     else:
         ended = f"{tally.ran} cells run ({tally.failed} failed), {tally.reused} there before"
         out.print(f"{ended}, {tally.left} left; long ones are checkpointed.", soft_wrap=True)
     err.print("interrupted: the same command goes on from here", soft_wrap=True)
     raise typer.Exit(130)
-
-
-def _register(results: Results, tracker: Tracker, parent: str | None) -> list[str]:
-    """Put the sources into MLflow's registry. A failure is the tracker's error, never the sweep's."""
-    if parent is None:
-        return []
-    from orchestrator.model_registry.mlflow_registry import register
-
-    try:
-        return register(results, tracker.uri, parent)
-    except Exception as error:
-        tracker.error = error
-        return []
 
 
 def _summary(
@@ -69,7 +57,8 @@ def _summary(
         "sweep": str(results.folder),
         "tally": asdict(tally) | {"publishing_seconds": after},
         "best": best(published.findings),
-        "report": str(published.report),
+        "report": str(published.report) if published.report else None,
+        "not_drawn": published.missing,
         "figures": [str(path) for path in published.figures],
         "mlflow": _mlflow(tracker) if tracker else None,
     }
@@ -96,7 +85,8 @@ def _print_report(
         f"{share:.0f} % of it not training."
     )
     out.print(f"Results:  {results.folder}", soft_wrap=True)
-    out.print(f"Report:   {published.report}", soft_wrap=True)
+    if published.report:
+        out.print(f"Report:   {published.report}", soft_wrap=True)
     for path in (path for path in published.figures if path.suffix == ".png"):
         out.print(f"Figure:   {path}", soft_wrap=True)
     if published.best:

@@ -18,10 +18,12 @@ from deltatune.cli.app import (
     Sweep,
     TrackingUri,
     app,
+    err,
     out,
     print_json,
     print_named,
     program,
+    told_damage,
 )
 from orchestrator.export.formats import FORMATS, write
 
@@ -54,6 +56,8 @@ def status(
     for data in found:
         if data["now"]:
             print_named(data["sweep"], data["now"])
+        for damage in data["damage"]:
+            print_named(data["sweep"], damage, "red")
         for failure in data["failures"]:
             what = f"{failure['cell_id']} {failure['agent']} on {failure['task']}, seed {failure['seed']}"
             print_named(what, failure["error"], "red")
@@ -76,8 +80,11 @@ def report(
     from orchestrator.results.sweep_folder import Results
     from trainables.storage.folders import make_folder
 
-    findings = find(Results.open(storage, name))
-    files = draw(findings, make_folder(output) if output else None, every=True)
+    findings = find(told_damage(Results.open(storage, name)))
+    missing: list[str] = []
+    files = draw(findings, make_folder(output) if output else None, every=True, missing=missing)
+    for why in missing:
+        err.print(f"not drawn: {why}", soft_wrap=True, style="yellow")
     if as_json:
         print_json({"report": str(files[0]), "figures": [str(path) for path in files[1:]]})
     else:
@@ -115,7 +122,7 @@ def export(
     from orchestrator.analysis.findings import find
     from orchestrator.results.sweep_folder import Results
 
-    written = write(find(Results.open(storage, name)), kind.value, output)
+    written = write(find(told_damage(Results.open(storage, name))), kind.value, output)
     if as_json:
         print_json(written.data)
     else:
@@ -134,7 +141,7 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
     from orchestrator.tracking import mlflow_mirror
     from orchestrator.tracking.uri import tracking_uri as store_uri
 
-    results = Results.open(storage, name)
+    results = told_damage(Results.open(storage, name))
     uri = store_uri(results.storage, tracking_uri)
     published = publish(results)
     parent = mlflow_mirror.sync_now(published.findings, uri, artifacts(results))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +20,12 @@ from orchestrator.results.status import sweeps
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
+from trainables.errors import InputError
 from trainables.plugins.loader import in_words
 from trainables.tasks.registry import parse_task
 from trainables.training.throughput import Rate, measure
+
+log = logging.getLogger("deltatune.forecast")
 
 SIZES = ("hidden_size", "hidden_layers", "batch_size", "evaluate_every", "evaluation_episodes", "module", "device")
 """Hyperparameters that decide how long an episode takes."""
@@ -84,7 +87,7 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
 
     Measures for about two seconds each agent and task family of which no sweep in the same storage has a record.
     """
-    ledger, costs = Ledger(results, settings.retry_failed, space), _Costs(results.storage)
+    ledger, costs = Ledger(results, settings.retry_failed, space, reads_only=True), _Costs(results.storage)
     arms = source_arms(space, settings.params)
     keep = any("learned" in scenario.source.kinds for scenario in space.scenarios)
     trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.pretrained)
@@ -164,14 +167,17 @@ class _Costs:
 
 
 def _recorded(storage: Path) -> dict[Key, list[float]]:
-    """Seconds an episode of every done cell of the sweeps in a storage folder."""
+    """Return the seconds an episode of every done cell of the sweeps in a storage folder; a damaged sweep has none."""
     found: dict[Key, list[float]] = {}
     for results in sweeps(storage, None):
-        cells, _ = results.tables()
-        for row in cells[cells["status"] == "done"].itertuples() if len(cells) else ():
-            values = json.loads(str(row.hyperparameters))
-            key = _key(str(row.agent), str(row.task), values)
-            found.setdefault(key, []).append(float(str(row.seconds)) / values["episodes"])
+        try:
+            heads = [head for head in results.heads().values() if head.status == "done"]
+        except InputError as error:
+            log.warning("%s tells nothing of costs: %s", results.folder, error)
+            continue
+        for head in heads:
+            key = _key(head.cell.agent, head.cell.task, head.cell.hyperparameters)
+            found.setdefault(key, []).append(head.seconds / float(head.cell.hyperparameters["episodes"]))
     return found
 
 

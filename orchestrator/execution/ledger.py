@@ -10,9 +10,10 @@ import pandas as pd
 
 from orchestrator.planning.arms import Arm, labels_of
 from orchestrator.planning.source_choice import SourceRun
+from orchestrator.results.checked_json import DamagedError
 from orchestrator.results.provenance import commit, versions
 from orchestrator.results.record import Record
-from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.results.sweep_folder import Labels, Plan, Results, cell_row
 from orchestrator.sources.library import SourceLibrary
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
@@ -24,18 +25,31 @@ from trainables.training.cell_run import Outcome
 class Ledger:
     """The one writer of a sweep's records and of the source library."""
 
-    def __init__(self, results: Results, retry_failed: bool, space: SearchSpace | None = None) -> None:
-        """space: what is asked for; default: what the folder of `results` says."""
+    def __init__(
+        self, results: Results, retry_failed: bool, space: SearchSpace | None = None, reads_only: bool = False
+    ) -> None:
+        """space: what is asked for; default: what the folder of `results` says. reads_only: write nothing."""
         self.library = SourceLibrary(results.storage)
         self.checkpoints = results.folder / "checkpoints"
         self._results = results
         self._retry_failed = retry_failed
+        self._reads_only = reads_only
         self._stops = (space or results.space()).search.scheduler is not None
-        self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in results.plan().items()}
-        self._labels = results.labels()
-        self._arms: dict[str, Sequence[Arm]] = {}
         self._heads = results.heads()
+        self.damage = results.damage()
+        """What of the records is damaged, in sentences: their cells run again."""
+        plan, self._labels = self._planned_before()
+        self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in plan.items()}
+        self._arms: dict[str, Sequence[Arm]] = {}
         self._new: set[str] = set()
+
+    def _planned_before(self) -> tuple[Plan, dict[str, Labels]]:
+        """Return the plan of the run before and its labels; a damaged one is drawn anew from the search space."""
+        try:
+            return self._results.plan(), self._results.labels()
+        except DamagedError as error:
+            self.damage.append(str(error))
+            return {}, {}
 
     def plan(self, stage: str, cells: Iterable[Cell], arms: Sequence[Arm] | None = None) -> list[Cell]:
         """Write down the cells of a stage, each once, and the arms that they are of (default: those of last time)."""
@@ -67,7 +81,11 @@ class Ledger:
     def _take_over(self, cell: Cell) -> None:
         """The record of a source that another sweep of this storage has trained, where there is one."""
         record = self.library.record(cell.id)
-        if record is not None and record.status == "done":
+        if record is None or record.status != "done":
+            return
+        if self._reads_only:
+            self._heads = {**self._heads, cell.id: record.head}
+        else:
             self._results.add(record)
 
     def new(self, cell: Cell) -> bool:
@@ -125,14 +143,8 @@ class Ledger:
         """The cells table of some cells."""
         return pd.DataFrame([cell_row(stage, cell, self._heads.get(cell.id)) for cell in cells])
 
-    @property
-    def damaged(self) -> str:
-        """Where records are damaged, in words; empty where none is."""
-        places = self._results.log.damaged
-        return f"{len(places)} damaged records ({'; '.join(places[:3])})" if places else ""
-
     def close(self) -> None:
-        """Merge what this run has appended."""
+        """Merge what this run has appended, and drop what is damaged: those cells have run again, or are missing."""
         self._results.log.compact()
 
     def _auc(self, cell: Cell) -> float:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from orchestrator.errors import InterruptedSweepError, SweepError
+from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.source_choice import choose
@@ -25,27 +25,35 @@ from search_spaces.search_space import SearchSpace
 def run(
     results: Results, settings: Settings, console: Console, on_record: OnRecord = lambda stage, record: None
 ) -> RunSummary:
-    """Run what is missing of a sweep, telling `on_record` of each cell as it ends.
+    """Take the lock of a sweep, and run what is missing; see `run_held`. InputError where another driver is at it."""
+    with locked(results.folder) as hold:
+        results.log.guard(hold)
+        return run_held(results, settings, console, on_record)
 
-    After Ctrl-C or SIGTERM the tally says in `left` how many cells are left. Raises InputError for a damaged record, a
-    sweep that another driver is at, or a cell that fits on no node; SweepError where a record cannot be written or the
-    cluster is gone.
+
+def run_held(
+    results: Results, settings: Settings, console: Console, on_record: OnRecord = lambda stage, record: None
+) -> RunSummary:
+    """Run what is missing of a sweep whose lock is held, telling `on_record` of each cell as it ends.
+
+    After Ctrl-C or SIGTERM the tally says in `left` how many cells are left. Raises InputError for a cell that fits on
+    no node; SweepError where a record cannot be written, another driver took the sweep over or the cluster is gone.
     """
     started = time.monotonic()
-    with locked(results.folder), ExitStack() as stack:
+    with ExitStack() as stack:
         ledger, tally = Ledger(results, settings.retry_failed), RunSummary()
-        if ledger.damaged:
-            console.print(f"{ledger.damaged}: their cells are run again", style="yellow", soft_wrap=True)
+        for damage in (*results.mended, *ledger.damage):
+            console.print(f"{damage}: what was lost by it runs again", style="yellow", soft_wrap=True)
         sweep = _Sweep(
             results, settings, ledger, tally, Stages(results, settings, ledger, tally, console, on_record, stack)
         )
         try:
-            sweep.transfer(sweep.train_sources())
-        except InterruptedSweepError:
-            tally.left = sum(not ledger.ended(cell) for stage in (SOURCE, TRANSFER) for cell in ledger.planned(stage))
+            tally.left = sweep.run()
+            ledger.close()
+        except LeaseLostError as error:
+            raise SweepError(str(error)) from error
         except OSError as error:
             raise SweepError(f"cannot write to {results.folder} ({error}); all earlier records are kept") from error
-        ledger.close()
     tally.seconds = time.monotonic() - started
     return tally
 
@@ -56,6 +64,15 @@ class _Sweep:
     def __init__(self, results: Results, settings: Settings, ledger: Ledger, tally: RunSummary, stages: Stages) -> None:
         self._space, self._settings = results.space(), settings
         self._ledger, self._tally, self._stages = ledger, tally, stages
+
+    def run(self) -> int:
+        """Run both stages; how many cells an interruption has left."""
+        ledger = self._ledger
+        try:
+            self.transfer(self.train_sources())
+        except InterruptedSweepError:
+            return sum(not ledger.ended(cell) for stage in (SOURCE, TRANSFER) for cell in ledger.planned(stage))
+        return 0
 
     def train_sources(self) -> list[Choices]:
         """Stage 1: the outcome of each scenario's sources."""

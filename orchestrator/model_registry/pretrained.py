@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,13 +13,13 @@ import numpy as np
 
 from orchestrator.model_registry.source_models import read_steps
 from orchestrator.planning.source_choice import Runs, SourceRun
-from orchestrator.results.sweep_folder import NAMES, Results
+from orchestrator.results import pretrained_names
+from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
-from trainables.storage.atomic import write_atomic
 from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
@@ -81,7 +80,7 @@ def keep(found: Sequence[Pretrained], results: Results) -> None:
             raise InputError(
                 f"{library.path(source.cell.id)} holds other knowledge of the same cell than {source.name}"
             )
-    write_atomic(results.folder / NAMES, json.dumps([source.name for source in found]).encode())
+    pretrained_names.write(results.folder, [source.name for source in found])
 
 
 def runs(found: Sequence[Pretrained], seeds: Sequence[int]) -> Runs:

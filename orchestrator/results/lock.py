@@ -1,4 +1,7 @@
-"""One driver at a sweep: a file lock on a disk, a lease that is kept alive where the storage is an object store."""
+"""One driver at a sweep: a file lock on a disk, a lease that is kept alive where the storage is an object store.
+
+Whoever only wants to know reads who the driver is and whether it lives; nobody takes the lock to look.
+"""
 
 from __future__ import annotations
 
@@ -7,130 +10,229 @@ import os
 import threading
 import time
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import filelock
 
+from orchestrator.errors import LeaseLostError
 from trainables.errors import InputError
+from trainables.storage.atomic import write_atomic
 from trainables.storage.paths import is_local
 
 LOCK, DRIVER = ".lock", ".driver.json"
 """Files of a sweep's folder: the lock of the process that runs it, and who that is."""
 
+MLFLOW_LOCK, MLFLOW_WRITER = ".mlflow.lock", ".mlflow.json"
+"""The same for the one process that writes the sweep into MLflow: its driver, or `deltatune sync`."""
+
 LEASE_SECONDS = 60.0
-"""After so long without a sign of life a lease is free."""
+"""After so long without a sign of life a holder on another machine is taken for dead."""
 
 SETTLE_SECONDS = 2.0
 """How long to wait before looking whether another took the lease at the same moment."""
 
+Who = dict[str, Any]
+
+
+@dataclass
+class Hold:
+    """A lock that is held."""
+
+    folder: Path
+    who: Who
+    token: str = ""
+    """What this holder's record segments bear in their names; empty on a disk, where the lock cannot be lost."""
+    lost: bool = False
+    """Whether another holds the lease now."""
+    _file: str = DRIVER
+    _seen: float = field(default_factory=time.monotonic)
+    """When the lease was last known to be this holder's."""
+
+    def check(self) -> None:
+        """Raise LeaseLostError where the lease is another's now; look it up where that has not been done for long."""
+        if self.token and not self.lost and time.monotonic() - self._seen > LEASE_SECONDS / 2:
+            with suppress(LookupError):
+                self.verify()
+        if self.lost:
+            raise LeaseLostError(
+                f"the sweep in {self.folder} was taken over by {_words(_read(self.folder, self._file))} while this "
+                "driver did not reach the storage: what it has recorded is kept"
+            )
+
+    def verify(self) -> None:
+        """Look up whose the lease is. Raises LookupError where the storage does not answer."""
+        try:
+            there = json.loads((self.folder / self._file).read_text())
+        except (FileNotFoundError, ValueError):
+            there = self.who  # removed or damaged: nobody else's
+        except Exception as error:  # each kind of storage has errors of its own
+            raise LookupError(str(error)) from error
+        if isinstance(there, dict) and there.get("token") != self.who["token"]:
+            self.lost = True
+        self._seen = time.monotonic()
+
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the sweep in `folder`; InputError that names the driver that does already. A dead driver's lock is free."""
-    with _file_lock(folder) if is_local(folder) else _lease(folder):
+def locked(folder: Path, on_lost: Callable[[], None] = lambda: None) -> Iterator[Hold]:
+    """Hold the sweep in `folder`; InputError that names the driver that does already. A dead driver's lock is free.
+
+    on_lost: called from another thread when the lease on an object store has become another's.
+    """
+    what = f"the sweep in {folder} is being run by "
+    with _held(folder, LOCK, DRIVER, what, on_lost) as hold:
+        yield hold
+
+
+@contextmanager
+def writing_to_mlflow(folder: Path) -> Iterator[None]:
+    """Be the one who writes the sweep in `folder` into MLflow; InputError that names who does already."""
+    with _held(folder, MLFLOW_LOCK, MLFLOW_WRITER, f"the sweep in {folder} is being written into MLflow by "):
         yield
 
 
 def driver(folder: Path) -> str | None:
-    """Who runs the sweep now, None where nobody does."""
-    if not is_local(folder):
-        who = _read(folder)
-        return _words(who) if who and _alive(who) else None
-    lock = filelock.FileLock(folder / LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except filelock.Timeout:
-        return _words(_read(folder))
-    except OSError:  # a storage that may only be read
-        return None
-    lock.release()
-    return None
+    """Return who runs the sweep now, None where nobody does. Takes no lock and changes nothing."""
+    who = _read(folder, DRIVER)
+    return _words(who) if who and _alive(who) else None
 
 
 @contextmanager
-def _file_lock(folder: Path) -> Iterator[None]:
-    lock = filelock.FileLock(folder / LOCK)
+def _held(folder: Path, lock: str, file: str, what: str, on_lost: Callable[[], None] = lambda: None) -> Iterator[Hold]:
+    with _file_lock(folder, lock, file, what) if is_local(folder) else _lease(folder, file, what) as hold:
+        gone = threading.Event()
+        keeper = threading.Thread(target=_keep, args=(hold, gone, on_lost), name="lease", daemon=True)
+        keeper.start()
+        try:
+            yield hold
+        finally:
+            gone.set()
+            keeper.join()
+            if not hold.lost:
+                with suppress(Exception):  # a storage that is away: the holder is dead in a minute
+                    (folder / file).unlink(missing_ok=True)
+
+
+@contextmanager
+def _file_lock(folder: Path, name: str, file: str, what: str) -> Iterator[Hold]:
+    lock = filelock.FileLock(folder / name, thread_local=False)  # one thread takes it, another may free it
     try:
         lock.acquire(timeout=0)
     except filelock.Timeout:
-        raise _taken(folder, _read(folder)) from None
+        raise _taken(what, _read(folder, file)) from None
     try:
-        _write(folder, _me())
-        yield
+        hold = Hold(folder, _me(), _file=file)
+        _write(folder, file, hold.who)
+        yield hold
     finally:
-        (folder / DRIVER).unlink(missing_ok=True)
         lock.release()
 
 
 @contextmanager
-def _lease(folder: Path) -> Iterator[None]:
-    before, me = _read(folder), _me()
-    if before and _alive(before):
-        raise _taken(folder, before)
-    _write(folder, me)
+def _lease(folder: Path, file: str, what: str) -> Iterator[Hold]:
+    before, me = _read(folder, file), _me()
+    if before and (_alive(before) or _changes(folder, file, before)):
+        raise _taken(what, _read(folder, file) or before)
+    _write(folder, file, me)
     time.sleep(SETTLE_SECONDS)
-    there = _read(folder)
+    there = _read(folder, file)
     if there is None or there.get("token") != me["token"]:
-        raise _taken(folder, there)
-    gone = threading.Event()
-    keeper = threading.Thread(target=_keep, args=(folder, me, gone), daemon=True)
-    keeper.start()
-    try:
-        yield
-    finally:
-        gone.set()
-        keeper.join()
-        (folder / DRIVER).unlink(missing_ok=True)
+        raise _taken(what, there)
+    yield Hold(folder, me, me["token"][:8], _file=file)
 
 
-def _keep(folder: Path, me: dict[str, Any], gone: threading.Event) -> None:
-    while not gone.wait(LEASE_SECONDS / 4):
-        try:
-            _write(folder, me | {"alive": time.time()})
-        except OSError:
-            continue  # the storage is away for a moment
-
-
-def _me() -> dict[str, Any]:
-    now = time.time()
-    return {"pid": os.getpid(), "host": os.uname().nodename, "since": now, "alive": now, "token": uuid.uuid4().hex}
-
-
-def _alive(who: dict[str, Any]) -> bool:
-    """Whether the holder of a lease has shown a sign of life; a process of this machine is looked up."""
-    if who.get("host") == os.uname().nodename and not _runs(int(who.get("pid", 0))):
+def _changes(folder: Path, file: str, before: Who) -> bool:
+    """Return whether a holder whose sign of life looks old gives another: two machines' clocks need not agree."""
+    if _here(before):
         return False
-    return time.time() - float(who.get("alive", 0)) < LEASE_SECONDS
+    until = time.monotonic() + LEASE_SECONDS / 2
+    while time.monotonic() < until:
+        time.sleep(LEASE_SECONDS / 20)
+        if _read(folder, file) != before:
+            return True
+    return False
 
 
-def _runs(pid: int) -> bool:
+def _keep(hold: Hold, gone: threading.Event, on_lost: Callable[[], None]) -> None:
+    """Give signs of life, as long as the lease is the holder's."""
+    while not gone.wait(LEASE_SECONDS / 4):
+        with suppress(Exception):  # the storage is away for a moment
+            if hold.token:
+                hold.verify()
+            if hold.lost:
+                on_lost()
+                return
+            _write(hold.folder, hold._file, hold.who | {"alive": time.time()})
+
+
+def _me() -> Who:
+    now = time.time()
+    me = {"pid": os.getpid(), "host": os.uname().nodename, "machine": _machine(), "started": _started(os.getpid())}
+    return me | {"since": now, "alive": now, "token": uuid.uuid4().hex}
+
+
+def _alive(who: Who) -> bool:
+    """Return whether a holder lives: a process of this machine is looked up, another has given a sign of life."""
+    if _here(who):
+        return _runs(int(who.get("pid", 0)), who.get("started"))
+    return abs(time.time() - float(who.get("alive", 0))) < LEASE_SECONDS
+
+
+def _here(who: Who) -> bool:
+    """Return whether a holder's process, if it runs, is among those that this process can see."""
+    if "machine" in who:
+        return bool(who["machine"] == _machine())
+    return who.get("host") == os.uname().nodename
+
+
+@lru_cache(maxsize=1)
+def _machine() -> str:
+    """Return a name of this start of this machine, and of the container: a host's name is not always its own."""
+    parts = [os.uname().nodename]
+    with suppress(OSError):
+        parts.append(Path("/proc/sys/kernel/random/boot_id").read_text().strip())
+        parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
+    return ":".join(parts)
+
+
+def _started(pid: int) -> str | None:
+    """Return when a process began, in the system's own count; empty for a dead one, None where it does not say."""
+    with suppress(OSError, IndexError):
+        state, *fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return "" if state in "ZX" else fields[18]
+    return None
+
+
+def _runs(pid: int, started: str | None) -> bool:
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
     except PermissionError:
-        return True
-    return True
+        pass
+    now = _started(pid)
+    return started is None or now is None or started == now
 
 
-def _taken(folder: Path, who: dict[str, Any] | None) -> InputError:
-    return InputError(f"the sweep in {folder} is being run by {_words(who)}: wait for it, or stop it")
+def _taken(what: str, who: Who | None) -> InputError:
+    return InputError(f"{what}{_words(who)}: wait for it, or stop it")
 
 
-def _words(who: dict[str, Any] | None) -> str:
+def _words(who: Who | None) -> str:
     return f"process {who.get('pid')} on {who.get('host')}" if who else "another process"
 
 
-def _write(folder: Path, who: dict[str, Any]) -> None:
-    (folder / DRIVER).write_text(json.dumps(who))
+def _write(folder: Path, file: str, who: Who) -> None:
+    write_atomic(folder / file, json.dumps(who).encode())
 
 
-def _read(folder: Path) -> dict[str, Any] | None:
+def _read(folder: Path, file: str) -> Who | None:
     try:
-        who = json.loads((folder / DRIVER).read_text())
+        who = json.loads((folder / file).read_text())
     except (OSError, ValueError):
         return None
     return who if isinstance(who, dict) else None

@@ -1,4 +1,4 @@
-"""The results tables as Parquet files, written piece by piece, each with a stamp of what it was drawn from."""
+"""The results tables as Parquet files, written piece by piece."""
 
 from __future__ import annotations
 
@@ -15,24 +15,21 @@ import pyarrow.parquet as pq
 from orchestrator.results.record import Record
 from trainables.storage.paths import is_local
 
-STAMP = b"deltatune.stamp"
-
 ROWS = 200_000
 """Rows that are held in memory while the points are written."""
 
 _INTEGERS = ("episode", "step")
 
 
-def write_table(path: Path, table: pd.DataFrame, stamp: str) -> None:
+def write_table(path: Path, table: pd.DataFrame) -> None:
     """Write a table whole."""
     arrow = pa.Table.from_pandas(table, preserve_index=False)
-    arrow = arrow.replace_schema_metadata({**(arrow.schema.metadata or {}), STAMP: stamp.encode()})
     with tempfile.TemporaryDirectory(dir=_near(path)) as folder:
         pq.write_table(arrow, Path(folder) / path.name)
         _put(Path(folder) / path.name, path)
 
 
-def write_points(path: Path, records: Iterable[Record], stamp: str) -> None:
+def write_points(path: Path, records: Iterable[Record]) -> None:
     """The curves of `records` one after the other: a row per cell and evaluation point, None where one lacks a column.
 
     The columns are those of any record, so that the pieces are joined at the end; memory stays bounded by ROWS.
@@ -41,7 +38,7 @@ def write_points(path: Path, records: Iterable[Record], stamp: str) -> None:
         pieces = list(_pieces(records, Path(folder)))
         fields = {name: None for piece in pieces for name in pq.read_schema(piece).names}
         names = ["cell_id", *(name for name in fields if name != "cell_id")]
-        schema = pa.schema([(name, _type(name)) for name in names], metadata={STAMP: stamp.encode()})
+        schema = pa.schema([(name, _type(name)) for name in names])
         with pq.ParquetWriter(Path(folder) / path.name, schema) as writer:
             for piece in pieces:
                 writer.write_table(_filled(pq.read_table(piece), schema))
@@ -51,16 +48,6 @@ def write_points(path: Path, records: Iterable[Record], stamp: str) -> None:
 def read_table(path: Path) -> pd.DataFrame:
     """A table that was written by the above."""
     return pd.read_parquet(path if is_local(path) else io.BytesIO(path.read_bytes()))
-
-
-def table_stamp(path: Path) -> str | None:
-    """What `path` was drawn from; None where it is missing or unreadable."""
-    try:
-        with path.open("rb") as file:
-            metadata = pq.read_schema(file).metadata or {}
-    except (OSError, pa.ArrowException):
-        return None
-    return metadata[STAMP].decode() if STAMP in metadata else None
 
 
 def _pieces(records: Iterable[Record], folder: Path) -> Iterable[Path]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from orchestrator.results import checked_json
 from search_spaces.search_space import SearchSpace
 from trainables.agents.registry import agent_named
+from trainables.errors import InputError
 from trainables.plugins import names
-from trainables.storage.atomic import write_atomic
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import TaskFamily
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 from trainables.plugins.notes import remember
 
 FILE = "own.json"
+
+log = logging.getLogger("deltatune.results")
 
 
 def keep(folder: Path, space: SearchSpace) -> None:
@@ -29,7 +32,7 @@ def keep(folder: Path, space: SearchSpace) -> None:
     things: dict[str, Any] = {**families, **agents, **bases}
     notes = {name: note(thing) for name, thing in things.items() if thing.origin == "own"}
     if notes:
-        write_atomic(folder / FILE, json.dumps({"schema": 1, **_read(folder), **notes}, indent=1).encode())
+        checked_json.write(folder / FILE, {"schema": 1, **_read(folder), **notes}, indent=1)
 
 
 def recall(folder: Path) -> None:
@@ -39,10 +42,12 @@ def recall(folder: Path) -> None:
 
 def _read(folder: Path) -> dict[str, Any]:
     try:
-        data = json.loads((folder / FILE).read_bytes())
-    except (OSError, ValueError):
-        return {}
-    return data if isinstance(data, dict) else {}
+        return checked_json.read(folder / FILE)
+    except checked_json.DamagedError as error:
+        log.warning("%s", error)
+    except InputError:
+        pass
+    return {}
 
 
 def note(thing: TaskFamily | Agent) -> dict[str, Any]:

@@ -1,26 +1,33 @@
 """The records of a sweep as an append-only log in segments: one writer, any number of readers, no record rewritten.
 
 A segment is a file of lines, one record each (see `record.Record.to_line`). Each run of a sweep appends to a segment
-of its own; on an object store, which cannot append, each call of `append` makes one. The last line of a cell counts.
-A line that a crash has cut off, or a disk has damaged, fails its checksum: its cell has not ended, and runs again.
+of its own; on an object store, which cannot append, each call of `append` makes one, whose name bears the token of the
+driver's lease: a driver that has lost its lease cannot write over the records of the one that has it now. The last
+line of a cell counts. A line that a crash has cut off, or a disk has damaged, fails its checksum: its cell has not
+ended, and runs again.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from orchestrator.results.lock import Hold
 from orchestrator.results.record import Head, Record, read_head, read_record, split_line
 from trainables.storage.atomic import sync_folder, write_atomic
-from trainables.storage.paths import is_local
+from trainables.storage.paths import is_local, read_range, sizes
 
 SEGMENT_BYTES = 64 * 2**20
 """Length at which a segment is closed."""
 
-MANY = 16
+MAX_SEGMENTS = 16
 """Segments from which on `compact` merges them."""
+
+SEGMENT = re.compile(r"(\d+)(-[0-9a-f]+)?\.jsonl")
+"""The name of a segment: its number, and on an object store the token of its writer's lease."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +44,26 @@ class RecordLog:
     folder: Path
     damaged: list[str] = field(default_factory=list)
     """'SEGMENT, byte N' of each damaged line seen."""
+    torn: dict[str, int] = field(default_factory=dict)
+    """Segment to the offset of the line at its end that was never finished, or is being written now."""
+    token: str = ""
+    """What the names of this writer's segments bear; empty where the folder's lock cannot be lost."""
+    check: Callable[[], None] = lambda: None
+    """Is called before anything is written; raises LeaseLostError where this writer is the driver no more."""
     _heads: dict[str, Head] = field(default_factory=dict)
     _places: dict[str, _Place] = field(default_factory=dict)
     _read: dict[str, int] = field(default_factory=dict)
     """Bytes of each segment that are in the index."""
     _lines: int = 0
     _segment: Path | None = None
+    _number: int | None = None
+    """The number of the segment that was written last."""
+    _held: tuple[str, bytes] | None = None
+    """The segment of an object store that was read last, whole."""
+
+    def guard(self, hold: Hold) -> None:
+        """Write only while `hold` lasts."""
+        self.token, self.check = hold.token, hold.check
 
     def refresh(self) -> None:
         """Take in what has been appended since the last call."""
@@ -52,11 +73,11 @@ class RecordLog:
             self._rescan()
 
     def heads(self) -> dict[str, Head]:
-        """The records without their curves, by cell id, as of the last `refresh` or `append`."""
+        """Return the records without their curves, by cell id, as of the last `refresh` or `append`."""
         return self._heads
 
     def record(self, cell_id: str) -> Record | None:
-        """The whole record of a cell, None where it has not ended; InputError where it cannot be read."""
+        """Return the whole record of a cell, None where it has not ended; InputError where it cannot be read."""
         for _ in range(2):
             place = self._places.get(cell_id)
             if place is None:
@@ -72,6 +93,7 @@ class RecordLog:
 
     def append(self, records: Sequence[Record]) -> None:
         """Write records to disk; when this returns they are there for good. OSError where the disk refuses them."""
+        self.check()
         lines = [record.to_line() for record in records]
         data = b"".join(lines)
         segment, start = self._put(data)
@@ -81,27 +103,38 @@ class RecordLog:
         self._read[segment] = start
 
     def compact(self) -> None:
-        """Merge many segments into few, without the lines that later ones have replaced. For the driver alone."""
-        old = self._segments()
-        if len(old) <= MANY and self._lines <= 2 * len(self._places):
+        """Merge many segments into few, without the lines that later ones have replaced or that are damaged.
+
+        For the driver alone, when every planned cell has ended: what a damaged line had been is there again.
+        """
+        there = self._segments()
+        old = {name for name, size in there.items() if self._read.get(name) == size or name in self.torn}
+        spoilt = self.damaged or self.torn
+        if not spoilt and len(old) <= MAX_SEGMENTS and self._lines <= 2 * len(self._places):
             return
+        self.check()
         self._segment = None
-        batch, size, number = [], 0, int(old[-1].stem) + 1
-        for place in list(self._places.values()):
-            batch.append(self._bytes(place))
-            size += place.length
-            if size >= SEGMENT_BYTES:
-                write_atomic(self.folder / f"{number:06d}.jsonl", b"".join(batch))
-                batch, size, number = [], 0, number + 1
-        if batch:
-            write_atomic(self.folder / f"{number:06d}.jsonl", b"".join(batch))
-        for path in old:
-            path.unlink(missing_ok=True)
+        self._merge(old, 1 + max(map(_number, there), default=-1))
+        for name in old:
+            (self.folder / name).unlink(missing_ok=True)
         self._rescan()
 
     def stamp(self) -> str:
-        """Changes whenever the log does."""
-        return ",".join(f"{path.name}:{path.stat().st_size}" for path in self._segments())
+        """Return a text that changes whenever the log does."""
+        return ",".join(f"{name}:{size}" for name, size in self._segments().items())
+
+    def _merge(self, old: Collection[str], number: int) -> None:
+        """Write the lines of `old` that count, in their order, into new segments from `number` on."""
+        batch: list[bytes] = []
+        size = 0
+        for place in (place for place in self._places.values() if place.segment in old):
+            batch.append(self._bytes(place))
+            size += place.length
+            if size >= SEGMENT_BYTES:
+                write_atomic(self._path(number), b"".join(batch))
+                batch, size, number = [], 0, number + 1
+        if batch:
+            write_atomic(self._path(number), b"".join(batch))
 
     def _put(self, data: bytes) -> tuple[str, int]:
         """Append to this run's segment: (its name, the offset of `data`)."""
@@ -125,30 +158,45 @@ class RecordLog:
         return self._segment.name, start
 
     def _next(self) -> Path:
-        there = self._segments()
-        return self.folder / f"{int(there[-1].stem) + 1 if there else 0:06d}.jsonl"
+        """Return a new segment; one listing, then this writer alone counts on."""
+        if self._number is None or is_local(self.folder):
+            self._number = max(map(_number, self._segments()), default=-1)
+        self._number += 1
+        return self._path(self._number)
 
-    def _segments(self) -> list[Path]:
-        return sorted(self.folder.glob("[0-9]*.jsonl"), key=lambda path: path.name)
+    def _path(self, number: int) -> Path:
+        return self.folder / f"{number:06d}{'-' if self.token else ''}{self.token}.jsonl"
+
+    def _segments(self) -> Mapping[str, int]:
+        """Return the size of every segment, in order."""
+        there = sizes(self.folder)
+        return {name: there[name] for name in sorted(filter(SEGMENT.fullmatch, there), key=lambda n: (_number(n), n))}
 
     def _scan(self) -> None:
-        for path in self._segments():
-            start = self._read.get(path.name, 0)
-            if path.stat().st_size <= start:
+        there = self._segments()
+        if not self._read.keys() <= there.keys():
+            raise FileNotFoundError("a segment is gone")
+        for name, size in there.items():
+            start = self._read.get(name, 0)
+            if size <= start:
                 continue
-            for offset, data in _lines(path, start):
-                self._read[path.name] = offset + len(data)
+            self.torn.pop(name, None)
+            for offset, data in _lines(self.folder / name, start):
+                if not data.endswith(b"\n"):
+                    self.torn[name] = offset
+                    continue
+                self._read[name] = offset + len(data)
                 line = split_line(data)
                 if line is None:
-                    self.damaged.append(f"{path.name}, byte {offset}")
+                    self.damaged.append(f"{name}, byte {offset}")
                 else:
-                    self._index(line.cell_id, read_head(line), _Place(path.name, offset, len(data)))
+                    self._index(line.cell_id, read_head(line), _Place(name, offset, len(data)))
 
     def _rescan(self) -> None:
         """Read the log anew: its driver has compacted it."""
-        for part in (self._heads, self._places, self._read, self.damaged):
+        for part in (self._heads, self._places, self._read, self.damaged, self.torn):
             part.clear()
-        self._lines = 0
+        self._lines, self._held, self._number = 0, None, None
         self._scan()
 
     def _index(self, cell_id: str, head: Head, place: _Place) -> None:
@@ -157,17 +205,29 @@ class RecordLog:
         self._lines += 1
 
     def _bytes(self, place: _Place) -> bytes:
-        with (self.folder / place.segment).open("rb") as file:
-            file.seek(place.offset)
-            return file.read(place.length)
+        path, stop = self.folder / place.segment, place.offset + place.length
+        if is_local(path):
+            return read_range(path, place.offset, stop)
+        if self._held is None or self._held[0] != place.segment or len(self._held[1]) < stop:
+            self._held = place.segment, read_range(path)
+        return self._held[1][place.offset : stop]
+
+
+def _number(segment: str) -> int:
+    found = SEGMENT.fullmatch(segment)
+    return int(found[1]) if found else -1
 
 
 def _lines(path: Path, start: int) -> Iterator[tuple[int, bytes]]:
-    """(offset, line) of the whole lines from `start` on; the end of a segment that is being written is left out."""
+    """Yield (offset, line) from `start` on; the last line of a segment that is being written may lack its end."""
+    offset = start
+    if not is_local(path):
+        for line in read_range(path, start).splitlines(keepends=True):
+            yield offset, line
+            offset += len(line)
+        return
     with path.open("rb") as file:
         file.seek(start)
-        offset = start
         for line in file:
-            if line.endswith(b"\n"):
-                yield offset, line
+            yield offset, line
             offset += len(line)

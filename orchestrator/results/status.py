@@ -9,6 +9,7 @@ from typing import Any
 from orchestrator.results import progress
 from orchestrator.results.lock import driver
 from orchestrator.results.sweep_folder import Results
+from trainables.errors import InputError
 
 KEYS = ("done", "failed", "stopped", "missing")
 """What may have become of a cell."""
@@ -22,16 +23,24 @@ def sweeps(storage: Path, name: str | None) -> list[Results]:
 
 
 def sweep_status(results: Results) -> dict[str, Any]:
-    """Counts by stage, the failures with their causes, the driver that is at it (None: none is), and how far it is."""
-    stages: dict[str, Counter[str]] = {stage: Counter() for stage in results.plan()}
+    """Return counts by stage, the failures with their causes, the driver that is at it (None: none is) and how far it
+    is, and what of the folder is damaged, in sentences.
+    """
+    who = driver(results.folder)
+    damage = results.damage(running=who is not None)
+    try:
+        results.meta()
+        plan = results.plan()
+    except InputError as error:
+        plan, damage = {}, [*damage, str(error)]
+    stages: dict[str, Counter[str]] = {stage: Counter() for stage in plan}
     failures = []
-    for stage, cell, record in results.ended():
+    for stage, cell, record in results.ended(plan):
         stages[stage]["missing" if record is None else record.status] += 1
         if record is not None and record.status == "failed":
             failures.append(
                 {"cell_id": cell.id, "agent": cell.agent, "task": cell.task, "seed": cell.seed, "error": record.error}
             )
-    who = driver(results.folder)
     now = progress.read(results.folder) if who else None
     return {
         "sweep": results.name,
@@ -40,4 +49,5 @@ def sweep_status(results: Results) -> dict[str, Any]:
         "failures": failures,
         "driver": who,
         "now": now.line() if now else None,
+        "damage": damage,
     }

@@ -16,6 +16,7 @@ from trainables.knowledge import Knowledge
 from trainables.knowledge_check import check_fit
 from trainables.storage.atomic import write_atomic
 from trainables.storage.folders import make_folder
+from trainables.storage.paths import is_local
 from trainables.tasks.registry import parse_task
 
 
@@ -78,14 +79,24 @@ class SourceLibrary:
 
     def __init__(self, storage: Path) -> None:
         self._folder = storage / "sources"
+        self._made = False
+        self._listed: set[str] | None = None
+        """The ids on an object store as last listed, with what was saved since: a request answers for all of them."""
 
     def save(self, cell: Cell, knowledge: Knowledge, record: Record | None = None) -> None:
         """Keep what `cell` has learned, with its record, by which a later sweep takes it over untrained."""
-        make_folder(self._folder)
         meta: dict[str, Any] = {"cell": cell.to_json()}
         if record is not None:
             meta["record"] = record.to_line().decode()
-        write_atomic(self.path(cell.id), knowledge.to_bytes(meta))
+        self._put(cell.id, knowledge.to_bytes(meta))
+
+    def _put(self, cell_id: str, data: bytes) -> None:
+        if not self._made:
+            make_folder(self._folder)
+            self._made = True
+        write_atomic(self.path(cell_id), data)
+        if self._listed is not None:
+            self._listed.add(cell_id)
 
     def add(self, data: bytes, where: str) -> Entry:
         """Take in the file `data`, which must be whole; an equal one that is there already stays.
@@ -97,8 +108,7 @@ class SourceLibrary:
             if self.entry(entry.id).knowledge.digest != entry.knowledge.digest:
                 raise InputError(f"{where}: the library has another source {entry.id}; remove that one first")
             return entry
-        make_folder(self._folder)
-        write_atomic(self.path(entry.id), data)
+        self._put(entry.id, data)
         return entry
 
     def remove(self, cell_id: str) -> None:
@@ -106,6 +116,7 @@ class SourceLibrary:
         if not self.has(cell_id):
             raise unknown("source", cell_id, self.ids())
         self.path(cell_id).unlink()
+        self._listed = None
 
     def ids(self) -> list[str]:
         """The ids of all sources, in order."""
@@ -117,16 +128,21 @@ class SourceLibrary:
             yield self.entry(cell_id)
 
     def has(self, cell_id: str) -> bool:
-        """Whether the cell's knowledge is there."""
-        return self.path(cell_id).exists()
+        """Return whether the cell's knowledge is there."""
+        path = self.path(cell_id)
+        if is_local(path):
+            return path.exists()
+        if self._listed is None:
+            self._listed = set(self.ids())
+        return cell_id in self._listed
 
     def entry(self, cell_id: str) -> Entry:
         """The source of a cell; InputError where it is missing, damaged or another's."""
         path = self.path(cell_id)
-        if not path.exists():
-            raise InputError(f"the source library has no {path.name} (looked in {self._folder})")
         try:
             entry = _entry(path.read_bytes())
+        except FileNotFoundError:
+            raise InputError(f"the source library has no {path.name} (looked in {self._folder})") from None
         except InputError as error:
             raise InputError(f"{path} is damaged ({error}): move it away and run the sweep again") from None
         if entry.id != cell_id:

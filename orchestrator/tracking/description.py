@@ -9,7 +9,8 @@ import yaml
 
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.summary_table import COLUMNS, row
-from orchestrator.results.sweep_folder import Results, options
+from orchestrator.results.pretrained_names import options
+from orchestrator.results.sweep_folder import Results
 
 
 def markdown(results: Results, groups: Sequence[Group]) -> str:
@@ -20,8 +21,8 @@ def markdown(results: Results, groups: Sequence[Group]) -> str:
     lines += _rows(groups)
     lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
     lines += [
-        f"Again: `deltatune sweep SPACE.yaml --name {results.name}{options(results)}`, with the search space below as "
-        "SPACE.yaml.",
+        f"Again: `deltatune sweep SPACE.yaml --name {results.name}{options(results.folder)}`, with the search space "
+        "below as SPACE.yaml.",
         "",
     ]
     lines += ["Leaderboard: *Views* above the runs table, or its filter `tags.kind = 'aggregate'` sorted by `auc`.", ""]

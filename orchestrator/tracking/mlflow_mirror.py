@@ -12,6 +12,7 @@ same time stamps, which MLflow stores once.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -28,6 +29,7 @@ from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import cell_name, group_name
 from orchestrator.errors import SweepError
+from orchestrator.results.lock import writing_to_mlflow
 from orchestrator.results.record import Head, Record
 from orchestrator.results.sweep_folder import Results, cell_row
 from orchestrator.tracking.description import markdown
@@ -147,9 +149,9 @@ class Mirror:
         self._client.log_batch(self.parent, tags=[RunTag(name, value) for name, value in tags.items()])
         self._client.set_terminated(self.parent)
 
-    def interrupted(self) -> None:
-        """The sweep has stopped for now."""
-        self._client.set_terminated(self.parent, "KILLED")
+    def end(self, status: str) -> None:
+        """Say that the sweep has stopped for now: KILLED by a wish, FAILED by an error."""
+        self._client.set_terminated(self.parent, status)
 
     def _write(
         self,
@@ -227,18 +229,27 @@ def sync(findings: Findings, uri: str, artifacts: Iterable[Path], mirror: Mirror
     mirror = mirror or Mirror(results, uri)
     cells = findings.cells
     groups = cells.groupby("cell_id")["group"].agg(", ".join).to_dict() if len(cells) else {}
-    for stage, cell, head in results.ended():
-        if head is not None:
+    try:
+        for stage, cell, head in results.ended():
+            if head is None:
+                continue
             mirror.write_cell(stage, head, partial(results.log.record, cell.id))
             if (names := groups.get(cell.id, cell.group)) != cell.group:
                 mirror.write_groups(cell.id, names)
-    mirror.finish(findings, artifacts)
+        mirror.finish(findings, artifacts)
+    except BaseException:
+        with contextlib.suppress(Exception):  # a store that is away
+            mirror.end("FAILED")
+        raise
     return mirror.parent
 
 
 def sync_now(findings: Findings, uri: str, artifacts: Iterable[Path]) -> str:
-    """`sync` for a person who waits for it; SweepError where the store does not answer."""
+    """`sync` for a person who waits for it. InputError where another process writes the sweep into MLflow, its driver
+    above all; SweepError where the store does not answer.
+    """
     try:
-        return sync(findings, uri, artifacts)
+        with writing_to_mlflow(findings.results.folder):
+            return sync(findings, uri, artifacts)
     except (MlflowException, OSError) as error:
         raise SweepError(f"MLflow at {shown(uri)} cannot be written to: {str(error).splitlines()[0]}") from None

@@ -5,19 +5,26 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
+import time
 from collections.abc import Iterable
 from pathlib import Path
 
 from orchestrator.analysis.findings import Findings
+from orchestrator.results.lock import writing_to_mlflow
 from orchestrator.results.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow_mirror import Mirror, sync
+from trainables.errors import InputError
 
 WAITING = 200
 """Records that wait for MLflow at the most. What comes on top is written at the end, from the disk."""
 
 FIRST_PAUSE, LONGEST_PAUSE = 2.0, 60.0
 """Seconds until a store that has failed is tried again; doubled each time."""
+
+
+PATIENCE = 30.0
+"""Seconds that a sweep waits at its end for a `deltatune sync` that is at work."""
 
 
 class Tracker:
@@ -29,6 +36,8 @@ class Tracker:
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         self._mirror: Mirror | None = None
+        self._held = contextlib.ExitStack()
+        self._holds = False
         self.error: Exception | None = None
         """Why the store has not got everything; `sync` makes good for it."""
 
@@ -44,27 +53,49 @@ class Tracker:
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> str | None:
         """Write all that is missing; the parent run's id, None where MLflow has failed."""
-        self._closing.set()
-        if self._thread is not None:
-            self._thread.join()
+        self._close()
         try:
+            self._mirror = self._mirror or self._connected(PATIENCE)
             parent = sync(findings, self.uri, artifacts, self._mirror)
         except Exception as error:
             self.error = error
+            self.stop("FAILED")
             return None
         self.error = None
+        self._held.close()
         return parent
 
-    def interrupt(self) -> None:
-        """Stop writing, and say in MLflow that the sweep was interrupted."""
+    def stop(self, status: str | None = "KILLED") -> None:
+        """Stop writing, and give the sweep's run `status`; None: it is another driver's."""
+        self._close()
+        try:
+            if self._mirror is not None and status is not None:
+                self._mirror.end(status)
+        except Exception as error:
+            self.error = self.error or error
+        self._held.close()
+
+    def _close(self) -> None:
+        """End the thread."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join()
-        try:
-            if self._mirror is not None:
-                self._mirror.interrupted()
-        except Exception as error:
-            self.error = error
+
+    def _connected(self, patience: float = 0.0) -> Mirror:
+        """Return a new mirror, when nobody else writes this sweep into MLflow; InputError where somebody does.
+
+        What one process has found there is no longer so once another writes. patience: seconds to wait for the other.
+        """
+        deadline = time.monotonic() + patience
+        while not self._holds:
+            try:
+                self._held.enter_context(writing_to_mlflow(self._results.folder))
+                self._holds = True
+            except InputError:
+                if time.monotonic() >= deadline:
+                    raise
+                time.sleep(0.2)
+        return Mirror(self._results, self.uri)
 
     def _work(self) -> None:
         pause = FIRST_PAUSE
@@ -83,5 +114,5 @@ class Tracker:
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     def _write(self, stage: str, record: Record) -> None:
-        self._mirror = self._mirror or Mirror(self._results, self.uri)
+        self._mirror = self._mirror or self._connected()
         self._mirror.write_cell(stage, record.head, lambda: record)

@@ -18,7 +18,7 @@ from typing import Any
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.knowledge import Knowledge
-from trainables.storage.paths import storage_path
+from trainables.storage.paths import is_local, storage_path
 from trainables.training.cell_run import CellRun, GiveSource, Outcome, run_cell
 from trainables.training.lockstep import lockstep
 
@@ -26,7 +26,10 @@ PROGRESS_SECONDS = 2.0
 """Time between reports of a long cell's progress."""
 
 OUTCOME_SECONDS = 1.0
-"""Time between reports of ended cells, and between two looks for the driver's wish to stop."""
+"""Time between reports of ended cells, and between two looks for the driver's wish to stop on a disk."""
+
+REMOTE_LOOK_SECONDS = 5.0
+"""Time between two looks on an object store, where each of each worker is a request that is paid for."""
 
 STOP = "STOP"
 """The file in the checkpoints' folder by which the driver asks its workers to stop."""
@@ -181,16 +184,17 @@ class _ProgressReports:
 
 
 class StopFile:
-    """Whether the driver has asked its workers to stop; looked up once a second at the most."""
+    """Whether the driver has asked its workers to stop; looked up now and then."""
 
     def __init__(self, folder: Path | None) -> None:
         self._path = folder / STOP if folder else None
+        self._every = OUTCOME_SECONDS if is_local(folder) else REMOTE_LOOK_SECONDS
         self._looked = -math.inf
         self._there = False
 
     def __call__(self) -> bool:
         """Return whether to stop."""
-        if self._path is not None and not self._there and time.monotonic() - self._looked >= OUTCOME_SECONDS:
+        if self._path is not None and not self._there and time.monotonic() - self._looked >= self._every:
             self._looked = time.monotonic()
             with contextlib.suppress(Exception):  # a storage out of reach is no reason to stop
                 self._there = self._path.exists()

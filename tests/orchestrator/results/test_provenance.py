@@ -13,9 +13,11 @@ import pytest
 from orchestrator.cluster import connection
 from orchestrator.results import provenance
 
-ASK = (
-    "import json; from orchestrator import provenance as p; print(json.dumps([p.commit(), p.versions()['deltatune']]))"
-)
+ASK = """
+import json
+from orchestrator.results import provenance as p
+print(json.dumps([p.commit(), p.versions()["deltatune"]]))
+"""
 
 
 def ask(folder: Path) -> list[str]:

@@ -11,29 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.results import record_log
-from orchestrator.results.record import Record, split_line
+from orchestrator.results.record import split_line
 from orchestrator.results.record_log import RecordLog
 from orchestrator.results.sweep_folder import Results
-from trainables import curve
-from trainables.cell import Cell
-
-POINTS = {name: [0, 1] for name in curve.FIELDS}
-
-
-def record(seed: int, status: str = "done", value: float = 1.0) -> Record:
-    points = POINTS | {"greedy_return": [0.0, value]}
-    return Record.model_validate(
-        {
-            "cell": Cell.create("q_learning", "windy_gridworld", seed, {"episodes": 10}),
-            "status": status,
-            "points": points,
-            "digest": curve.digest(points),
-            "finished": 1.0,
-            "seconds": 2.0,
-            "versions": {},
-            "commit": "x",
-        }
-    )
+from tests.orchestrator.records import record
 
 
 @pytest.fixture
@@ -140,7 +121,7 @@ def test_a_disk_that_is_full_leaves_no_half_line(log: RecordLog, monkeypatch: py
 @pytest.fixture
 def many(log: RecordLog) -> RecordLog:
     """A log of more segments than are left alone, with superseded lines."""
-    for seed in range(record_log.MANY + 2):
+    for seed in range(record_log.MAX_SEGMENTS + 2):
         RecordLog(log.folder).append([record(seed % 5, value=float(seed))])
     log.refresh()
     return log

@@ -1,0 +1,83 @@
+"""Standard output and error that may be closed, full or left by their reader: a command does its work all the same.
+
+What cannot be written is dropped, the work goes on to its end, and then one sentence on standard error says so.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import sys
+from typing import TextIO
+
+
+class _Lenient(io.RawIOBase):
+    """The bytes of a file descriptor; the first error is noted, and what comes after it dropped."""
+
+    def __init__(self, descriptor: int, error: OSError | None) -> None:
+        self._descriptor, self.error = descriptor, error
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        return self.error is None and os.isatty(self._descriptor)
+
+    def write(self, data: object, /) -> int:
+        """Write as much as the system takes; all, where it takes nothing any more."""
+        view = memoryview(data)  # type: ignore[arg-type]
+        if self.error is None:
+            try:
+                return os.write(self._descriptor, view)
+            except OSError as error:
+                self.error = error
+        return view.nbytes
+
+
+class Streams:
+    """Standard output and error of this process, made lenient as long as this is in force."""
+
+    def __init__(self) -> None:
+        closed = [_opened(descriptor) for descriptor in (0, 1, 2)]
+        self._raw = {name: _Lenient(number, closed[number]) for name, number in (("stdout", 1), ("stderr", 2))}
+        for name, raw in self._raw.items():
+            before: TextIO | None = getattr(sys, name)
+            if before is None or before is getattr(sys, f"__{name}__"):  # else somebody else's, a test's say
+                setattr(sys, name, _text(raw, before))
+
+    def failure(self) -> str | None:
+        """Return why standard output has not got everything, in a sentence; None where it has, or its reader left."""
+        for name in self._raw:
+            stream: TextIO | None = getattr(sys, name)
+            if stream is not None:
+                stream.flush()
+        error = self._raw["stdout"].error
+        if error is None or error.errno in (errno.EPIPE, errno.EIO):  # `| head`, a terminal that is gone
+            return None
+        return f"standard output has not got everything ({error.strerror}); what the command wrote to disk is whole"
+
+
+def _opened(descriptor: int) -> OSError | None:
+    """Put the null device where a descriptor is closed, lest the next file that is opened be taken for it."""
+    try:
+        os.fstat(descriptor)
+    except OSError as error:
+        null = os.open(os.devnull, os.O_RDWR)
+        if null != descriptor:
+            os.dup2(null, descriptor)
+            os.close(null)
+        return error
+    return None
+
+
+def _text(raw: _Lenient, before: TextIO | None) -> TextIO:
+    encoding = getattr(before, "encoding", None) or "utf-8"
+    errors = getattr(before, "errors", None) or "backslashreplace"
+    text = io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors, line_buffering=raw.isatty())
+    if raw.fileno() == 2:
+        text.reconfigure(line_buffering=True)
+    return text

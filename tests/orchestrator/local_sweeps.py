@@ -1,0 +1,26 @@
+"""Small sweeps in this process, and what is on disk of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from conftest import SPACE
+
+from orchestrator.execution.settings import Settings
+from search_spaces.loading import parse
+from search_spaces.search_space import SearchSpace
+
+LOCAL = Settings(local=True, workers=1)
+
+
+def space(**changes: Any) -> SearchSpace:
+    return parse("small", SPACE | {"seeds": 1, "agents": {"q_learning": {}}} | changes)
+
+
+def snapshot(folder: Path) -> dict[str, bytes | None]:
+    """Every file of a folder to the byte, and every folder."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }

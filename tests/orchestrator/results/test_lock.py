@@ -1,0 +1,172 @@
+"""One driver at a sweep: looking takes no lock, a lease that is lost is noticed, and records are never written over."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from orchestrator.errors import LeaseLostError
+from orchestrator.results import lock
+from orchestrator.results.lock import DRIVER, driver, locked, writing_to_mlflow
+from orchestrator.results.record_log import RecordLog
+from tests.orchestrator.records import record
+from trainables.errors import InputError
+from trainables.storage.paths import storage_path
+
+
+@pytest.fixture
+def bucket(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[Path]:
+    """An object store in this process's memory, with short leases."""
+    monkeypatch.setattr(lock, "SETTLE_SECONDS", 0.0)
+    monkeypatch.setattr(lock, "LEASE_SECONDS", 0.4)
+    path = storage_path(f"memory://deltatune/{request.node.name}")
+    yield path
+    path.fs.store.clear()  # type: ignore[attr-defined]
+
+
+def test_looking_never_refuses_a_driver_that_starts_meanwhile(tmp_path: Path) -> None:
+    over = threading.Event()
+
+    def look() -> None:
+        while not over.is_set():
+            driver(tmp_path)
+
+    threads = [threading.Thread(target=look) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    try:
+        for _ in range(100):
+            with locked(tmp_path):
+                assert driver(tmp_path) == f"process {os.getpid()} on {os.uname().nodename}"
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
+    assert driver(tmp_path) is None
+
+
+def test_looking_changes_nothing_on_disk(tmp_path: Path) -> None:
+    before = os.stat(tmp_path).st_mtime_ns
+    assert driver(tmp_path) is None
+    assert list(tmp_path.iterdir()) == []
+    assert os.stat(tmp_path).st_mtime_ns == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "later", "lives"),
+    [
+        ({}, 0, True),
+        ({"started": "1"}, 0, False),  # the number of a dead process was given to another
+        ({"pid": 2**22 + 1}, 0, False),
+        ({"machine": "elsewhere"}, 3, True),
+        ({"machine": "elsewhere"}, -3600, False),
+    ],
+)
+def test_a_driver_that_has_died_is_none(tmp_path: Path, changes: dict[str, object], later: float, lives: bool) -> None:
+    (tmp_path / DRIVER).write_text(json.dumps(lock._me() | changes | {"alive": time.time() + later}))
+    assert (driver(tmp_path) is not None) is lives
+
+
+def test_a_second_writer_into_mlflow_is_refused_by_name(tmp_path: Path) -> None:
+    says = f"is being written into MLflow by process {os.getpid()} on "
+    with writing_to_mlflow(tmp_path), pytest.raises(InputError, match=says), writing_to_mlflow(tmp_path):
+        pass
+    with writing_to_mlflow(tmp_path), locked(tmp_path):
+        pass
+
+
+def test_a_lease_is_renewed_and_a_second_driver_refused(bucket: Path) -> None:
+    with locked(bucket):
+        time.sleep(0.6)
+        assert driver(bucket) is not None
+        with pytest.raises(InputError, match="is being run by process"), locked(bucket):
+            pass
+    assert driver(bucket) is None
+
+
+def test_a_dead_drivers_lease_on_another_machine_is_free_and_a_live_ones_with_a_wrong_clock_is_not(
+    bucket: Path,
+) -> None:
+    other = {"pid": 1, "host": "elsewhere", "machine": "elsewhere", "alive": time.time() - 3600, "token": "0" * 32}
+    (bucket / DRIVER).write_text(json.dumps(other))
+    with locked(bucket):
+        assert str(os.getpid()) in str(driver(bucket))
+    (bucket / DRIVER).write_text(json.dumps(other))
+    timer = threading.Timer(0.1, lambda: (bucket / DRIVER).write_text(json.dumps(other | {"alive": 1.0})))
+    timer.start()
+    with pytest.raises(InputError, match="process 1 on elsewhere"), locked(bucket):
+        pass
+    timer.join()
+
+
+def test_two_drivers_never_write_over_each_others_records_and_the_one_without_the_lease_stops(bucket: Path) -> None:
+    told = threading.Event()
+    with locked(bucket, on_lost=told.set) as first:
+        one = RecordLog(bucket / "records")
+        one.guard(first)
+        one.append([record(0)])
+        (bucket / DRIVER).unlink()  # the storage was away for longer than a lease
+        with locked(bucket) as second:
+            two = RecordLog(bucket / "records")
+            two.guard(second)
+            two.append([record(1)])
+            one.append([record(2)])  # it does not know yet
+            two.append([record(3)])
+            assert told.wait(5)
+            with pytest.raises(LeaseLostError, match=rf"was taken over by process {os.getpid()} on "):
+                one.append([record(4)])
+    everything = RecordLog(bucket / "records")
+    everything.refresh()
+    assert sorted(head.cell.seed for head in everything.heads().values()) == [0, 1, 2, 3]
+    assert driver(bucket) is None
+
+
+def test_compaction_takes_away_no_record_that_it_has_not_read(bucket: Path) -> None:
+    mine, other = RecordLog(bucket / "records", token="aa"), RecordLog(bucket / "records", token="bb")
+    for seed in range(20):
+        mine.append([record(seed)])
+    other.append([record(30)])
+    mine.compact()
+    again = RecordLog(bucket / "records")
+    again.refresh()
+    assert sorted(head.cell.seed for head in again.heads().values()) == [*range(20), 30]
+    assert len(list((bucket / "records").iterdir())) == 2
+    assert again.record(record(7).cell.id) == record(7)
+
+
+def test_an_object_store_is_asked_little(bucket: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A record is one request to write; all of them are one to list and one for each segment."""
+    asked: list[str] = []
+    fs = type(bucket.fs)  # type: ignore[attr-defined]
+    for name in ("ls", "info", "exists", "cat_file", "_open", "pipe_file"):
+        real = getattr(fs, name)
+
+        def counted(self: object, path: str, *words: object, name: str = name, real: object = real, **more: object):  # type: ignore[no-untyped-def]
+            asked.append(name)
+            return real(self, path, *words, **more)  # type: ignore[operator]
+
+        monkeypatch.setattr(fs, name, counted)
+    log = RecordLog(bucket / "records", token="aa")
+    for seed in range(10):
+        log.append([record(seed)])
+    writes = len(asked)
+    assert asked.count("ls") == 1
+    assert asked.count("_open") + asked.count("pipe_file") == 10
+    assert writes <= 1 + 10 + 1
+    asked.clear()
+    reader = RecordLog(bucket / "records")
+    reader.refresh()
+    assert [name for name in asked if name not in ("ls", "cat_file", "_open", "info")] == []
+    assert asked.count("ls") == 1
+    assert asked.count("cat_file") == 10
+    asked.clear()
+    log.compact()
+    for seed in range(10):
+        assert log.record(record(seed).cell.id) == record(seed)
+    assert asked.count("cat_file") <= 10, "a GET for each segment, not for each record"

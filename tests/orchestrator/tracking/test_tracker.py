@@ -1,0 +1,108 @@
+"""One process at a time writes a sweep into MLflow, and its run there never stays RUNNING."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from deltatune import publish
+from orchestrator.analysis.findings import Findings, find
+from orchestrator.execution.session import SweepSession
+from orchestrator.results.lock import writing_to_mlflow
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking import mlflow_mirror, tracker
+from orchestrator.tracking.tracker import Tracker
+from tests.orchestrator.local_sweeps import LOCAL, space
+from trainables.errors import InputError
+
+
+class Store:
+    """A store of runs, and what stands in for its Mirror: `known` is what one process has found there."""
+
+    def __init__(self) -> None:
+        self.runs: list[str] = []
+        self.status: str | None = None
+        self.broken = False
+
+    def mirror(self, results: Results, uri: str) -> Any:
+        self.status = "RUNNING"
+        return SimpleNamespace(
+            known=set(self.runs), parent="p", write_cell=lambda *words: None, end=self.end, finish=lambda *words: None
+        )
+
+    def end(self, status: str) -> None:
+        self.status = status
+
+
+@pytest.fixture
+def store(monkeypatch: pytest.MonkeyPatch) -> Store:
+    made = Store()
+
+    def finish(findings: Findings, artifacts: object) -> None:
+        if made.broken:
+            raise OSError("the store is away")
+        made.status = "FINISHED"
+
+    def mirror(results: Results, uri: str) -> Any:
+        found = made.mirror(results, uri)
+        found.finish = finish
+        found.write_cell = lambda stage, head, read: (
+            head.cell.id in found.known or (made.runs.append(head.cell.id), found.known.add(head.cell.id))
+        )
+        return found
+
+    monkeypatch.setattr(mlflow_mirror, "Mirror", mirror)
+    monkeypatch.setattr(tracker, "Mirror", mirror)
+    return made
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    storage = tmp_path_factory.mktemp("tracked")
+    with SweepSession.open(storage, "small", space()) as now:
+        now.run(LOCAL)
+        publish.publish(now.results)
+    return Results.open(storage, "small")
+
+
+def test_sync_beside_a_sweep_that_writes_to_mlflow_is_refused_and_makes_no_double(done: Results, store: Store) -> None:
+    sweep = Tracker(done, "sqlite:///x")
+    records = [(stage, record) for stage, _, record in done.records() if record]
+    sweep.record(*records[0])
+    waited = threading.Event()
+    while not store.runs:
+        waited.wait(0.01)
+    with pytest.raises(InputError, match="is being written into MLflow by process"):
+        mlflow_mirror.sync_now(find(done), "sqlite:///x", [])
+    assert sweep.finish(find(done), []) == "p"
+    mlflow_mirror.sync_now(find(done), "sqlite:///x", [])
+    assert sorted(store.runs) == sorted(record.cell.id for _, record in records)
+
+
+def test_a_sweep_that_ends_during_a_sync_waits_for_it(
+    done: Results, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with writing_to_mlflow(done.folder):
+        monkeypatch.setattr(tracker, "PATIENCE", 0.0)
+        refused = Tracker(done, "sqlite:///x")
+        assert refused.finish(find(done), []) is None
+        assert "is being written into MLflow by process" in str(refused.error)
+    monkeypatch.setattr(tracker, "PATIENCE", 10.0)
+    other = writing_to_mlflow(done.folder)
+    other.__enter__()
+    threading.Timer(0.5, lambda: other.__exit__(None, None, None)).start()
+    assert Tracker(done, "sqlite:///x").finish(find(done), []) == "p"
+
+
+@pytest.mark.parametrize("by_hand", [False, True], ids=["sweep", "sync"])
+def test_a_store_that_fails_at_the_end_is_not_left_running(done: Results, store: Store, by_hand: bool) -> None:
+    store.broken = True
+    if by_hand:
+        with pytest.raises(Exception, match="the store is away"):
+            mlflow_mirror.sync_now(find(done), "sqlite:///x", [])
+    else:
+        assert Tracker(done, "sqlite:///x").finish(find(done), []) is None
+    assert store.status == "FAILED"
