@@ -18,7 +18,6 @@ from rich.console import Console
 
 from orchestrator.analysis.findings import find
 from orchestrator.cluster import connection
-from orchestrator.errors import SweepError
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.replay import replay
 from orchestrator.execution.settings import RunSummary, Settings
@@ -128,16 +127,6 @@ def test_a_failed_cell_is_kept_as_failed_until_it_is_asked_for_again(
     assert status["failures"][0]["error"] == "ZeroDivisionError: test"
     _, tally = sweep(storage, replace(LOCAL, retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
-
-
-def test_no_complete_source_stops_the_sweep_with_the_cause(storage: Path) -> None:
-    results = Results.open(storage, "small")
-    for cell in results.plan()["source"]:
-        record = results.record(cell.id)
-        assert record is not None
-        results.add(record.model_copy(update={"status": "failed", "error": "MemoryError: test"}))
-    with pytest.raises(SweepError, match=r"no configuration of q_learning .* MemoryError: test"):
-        sweep(storage)
 
 
 def test_a_cell_that_raises_is_reported_with_its_place_and_the_next_one_runs() -> None:
