@@ -13,6 +13,9 @@ from trainables.tasks.spec.family import Task
 KEPT = ("levels", "limit")
 """Features that a source shares with its targets: they make the task another one."""
 
+QUICK = 10
+"""A quick look trains for this part of the episodes."""
+
 TEMPLATE = """\
 # What to sweep, written by 'deltatune init {typed}'. It runs as it is; every line may be changed.
 #   deltatune sweep {file} --dry-run   what it would do, and what that would cost
@@ -20,7 +23,7 @@ TEMPLATE = """\
 schema: 1
 name: {name}  # the folder of its results
 description: Does knowledge of {source} help or hurt on other versions of it?
-seeds: 5  # 0 to 4; more seeds, narrower intervals
+seeds: {seeds}
 scenarios:
   - source:  # stage 1: trained first
       task: {source}
@@ -41,10 +44,11 @@ agents:  # one value, a list to try each of, or a range with 'search'
 """
 
 
-def starter(typed: str, name: str, file: str) -> str:
+def starter(typed: str, name: str, file: str, quick: bool = False) -> str:
     """Return the YAML of a search space for the task called `name`, which the user calls `typed`.
 
     Its features, where it has some off their defaults, make the target; else the family's own targets do.
+    quick: for a first look, with one learning rate, few seeds and a QUICK part of the episodes.
     """
     task = parse_task(name)
     source = Task(task.family, tuple(change for change in task.changed if change[0] in KEPT))
@@ -54,6 +58,7 @@ def starter(typed: str, name: str, file: str) -> str:
     agents = [agent for agent in AGENTS.values() if agent.usual and (agent.kind == "tabular") == task.tabular]
     base = next(agent for agent in agents if not agent.needs_source)
     settings = base.resolve(task, {}).model_dump()
+    episodes = max(20, settings["episodes"] // QUICK) if quick else settings["episodes"]
     return TEMPLATE.format(
         typed=typed,
         file=file,
@@ -63,11 +68,12 @@ def starter(typed: str, name: str, file: str) -> str:
         kinds="kinds: [learned, exact]  # trained by the agent above; by value iteration"
         if task.tabular
         else "pick: best_evaluated  # the best network of all seeds; or own_seed",
-        rates="[0.5, 0.1]" if task.tabular else "[1.0e-3, 1.0e-4]",
+        seeds="2  # a quick look: 5 and more for a result" if quick else "5  # 0 to 4; more seeds, narrower intervals",
+        rates=("[0.5]" if quick else "[0.5, 0.1]") if task.tabular else "[1.0e-3]" if quick else "[1.0e-3, 1.0e-4]",
         targets="\n".join(f"      - {target}" for target in targets),
         features=", ".join(feature.name for feature in task.family.features) or "none",
-        episodes=settings["episodes"],
-        every=min(settings["evaluate_every"], max(1, settings["episodes"] // 10)),
+        episodes=f"{episodes}  # a quick look: {settings['episodes']} for a result" if quick else episodes,
+        every=min(settings["evaluate_every"], max(1, episodes // 10)),
         range="delta_gate: {threshold: {low: 1, high: 20}}"
         if task.tabular
         else "delta_es: {advice_fraction: {low: 0.1, high: 0.5}}",

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import json
 import time
 from typing import Annotated
 
 import typer
 
-from deltatune.cli.app import CLUSTER_PANEL, RESULTS, RUN_PANEL, Storage, Sweep, app, out, program
+from deltatune.cli.app import CLUSTER_PANEL, RESULTS, RUN_PANEL, Json, Storage, Sweep, app, out, program
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True}, rich_help_panel=CLUSTER_PANEL)
 def submit(
     context: typer.Context,
     space: Annotated[str, typer.Argument(metavar="SPACE", help="A built-in search space or a YAML file.")],
-    address: Annotated[str, typer.Option(help="The head of a Ray cluster, as http://HOST:8265.")],
-    storage: Annotated[str, typer.Option(help="A folder that every node sees, or a URL such as s3://BUCKET/FOLDER.")],
-    name: Annotated[str | None, typer.Option(help="The sweep's name; default: the search space's.")] = None,
+    address: Annotated[str, typer.Option(metavar="URL", help="The head of a Ray cluster, as http://HOST:8265.")],
+    storage: Annotated[
+        str,
+        typer.Option(
+            metavar="FOLDER",
+            envvar="DELTATUNE_STORAGE",
+            help="A folder that every node sees, or a URL such as s3://BUCKET/FOLDER.",
+        ),
+    ],
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The sweep's name; default: the search space's.")
+    ] = None,
 ) -> None:
     """Send a sweep to a Ray cluster as a job: it goes on without this shell. Takes the options of 'sweep' too.
 
@@ -57,13 +67,17 @@ def check_options(words: list[str]) -> None:
 def watch(
     name: Sweep,
     storage: Storage = RESULTS,
-    every: Annotated[float, typer.Option(min=0.1, help="Seconds between two looks.")] = 2.0,
+    every: Annotated[float, typer.Option(min=0.1, metavar="SECONDS", help="Time between two looks.")] = 2.0,
+    as_json: Json = False,
 ) -> None:
-    """Follow a sweep that runs in another shell or on a cluster, until it ends."""
+    """Follow a sweep that runs in another shell or on a cluster, until it ends.
+
+    With --json each look is a line of JSON, and the last line is what 'status' says.
+    """
     from deltatune.cli.watch import follow
     from orchestrator.results.sweep_folder import Results
 
-    follow(Results.open(storage, name), out, every)
+    follow(Results.open(storage, name), out, every, as_json)
 
 
 @app.command(rich_help_panel=RUN_PANEL)
@@ -71,8 +85,12 @@ def logs(
     name: Sweep,
     storage: Storage = RESULTS,
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on as the log grows; Ctrl-C ends it.")] = False,
+    as_json: Json = False,
 ) -> None:
-    """Print the log of a sweep's drivers: when it ran, what failed, which workers were lost."""
+    """Print the log of a sweep's drivers: when it ran, what failed, which workers were lost.
+
+    With --json each line of the log is a line of JSON.
+    """
     from orchestrator.results import driver_log
     from orchestrator.results.lock import driver
     from orchestrator.results.sweep_folder import Results
@@ -81,7 +99,10 @@ def logs(
     shown = 0
     while True:
         text = driver_log.read(folder)
-        typer.echo(text[shown:], nl=False)
+        new = text[shown:]
+        typer.echo(
+            "".join(f"{json.dumps({'line': line})}\n" for line in new.splitlines()) if as_json else new, nl=False
+        )
         shown = len(text)
         if not follow or driver(folder) is None:
             return

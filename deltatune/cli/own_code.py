@@ -8,7 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from deltatune.cli.app import CUSTOM_PANEL, Json, app, out, print_json
+from deltatune.cli.app import CUSTOM_PANEL, RESULTS, Json, app, out, print_json, program
+from deltatune.cli.tables import span
 
 TASK = Annotated[
     str, typer.Argument(metavar="TASK", help="NAME, gym:ENV_ID or FILE.py:NAME, each with [:FEATURE=VALUE,...].")
@@ -57,7 +58,13 @@ def check(task: TASK, as_json: Json = False) -> None:
 @app.command(rich_help_panel=CUSTOM_PANEL)
 def init(
     task: TASK,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The file to write; default: print.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The file to write; default: print.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="For a first look: a tenth of the episodes, two seeds; with its cost.")
+    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Write a commented search space for a task, to run as it is or to start from.
 
@@ -69,12 +76,30 @@ def init(
     from trainables.storage.atomic import write_atomic
     from trainables.storage.folders import make_folder
 
-    text = starter(task, canonicalise(task), str(output or "mine.yaml"))
+    text = starter(task, canonicalise(task), str(output or "mine.yaml"), quick)
     if output is None:
-        typer.echo(text, nl=False)
+        print_json({"yaml": text}) if as_json else typer.echo(text, nl=False)
         return
     if output.exists():
         raise InputError(f"{output} is there already: choose another -o, or remove it")
     make_folder(output.absolute().parent)
     write_atomic(output.absolute(), text.encode())
-    out.print(f"{output}: see what it would do with 'deltatune sweep {output} --dry-run'", soft_wrap=True)
+    cost = _cost(output) if quick else None
+    if as_json:
+        print_json({"file": str(output), "seconds": cost})
+        return
+    took = f"about {span(*cost)} on this machine; " if cost else ""
+    out.print(f"{output}: {took}see what it would do with '{program()} sweep {output} --dry-run'", soft_wrap=True)
+
+
+def _cost(file: Path) -> tuple[float, float]:
+    """Return the seconds, from and to, that a sweep of a search space would take on this machine."""
+    from orchestrator.cluster.resources import own_cpus
+    from orchestrator.execution.forecast import forecast
+    from orchestrator.execution.settings import Settings
+    from orchestrator.results.sweep_folder import Results
+    from search_spaces.loading import load
+
+    with out.status("measuring"):
+        space = load(str(file))
+        return forecast(space, Settings(), Results(RESULTS / space.name), own_cpus()).wall

@@ -16,7 +16,9 @@ app.add_typer(sources, name="sources", rich_help_panel=CATALOGUE_PANEL)
 SHOWN = 20
 """Most sources in the table of a ranking."""
 
-Names = Annotated[list[str] | None, typer.Argument(metavar="[SOURCE]...", help="Ids, or tasks; default: all.")]
+Names = Annotated[
+    list[str] | None, typer.Argument(metavar="[SOURCE]...", help="Take these, by id or task; default: all.")
+]
 
 
 @sources.command("list")
@@ -40,7 +42,11 @@ def _line(data: dict[str, Any]) -> tuple[str, ...]:
 
 
 @sources.command()
-def add(file: Annotated[Path, typer.Argument(help="A library file (.npz).")], storage: Storage = RESULTS) -> None:
+def add(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A library file (.npz).")],
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
     """Add one library file, of another storage folder say."""
     from orchestrator.sources.library import SourceLibrary
     from trainables.errors import InputError
@@ -50,19 +56,27 @@ def add(file: Annotated[Path, typer.Argument(help="A library file (.npz).")], st
     except OSError as error:
         raise InputError(f"cannot read {file}: {error.strerror}") from None
     entry = SourceLibrary(storage).add(data, str(file))
+    if as_json:
+        print_json({"added": entry.id, "cell": entry.cell.to_json()})
+        return
     out.print(f"added {entry.id}: {entry.cell.agent} on {entry.cell.task}, seed {entry.cell.seed}", soft_wrap=True)
 
 
 @sources.command()
 def remove(
-    names: Annotated[list[str], typer.Argument(metavar="ID...", help="Whole ids.")], storage: Storage = RESULTS
+    names: Annotated[list[str], typer.Argument(metavar="ID...", help="The whole ids of the sources.")],
+    storage: Storage = RESULTS,
+    as_json: Json = False,
 ) -> None:
     """Remove sources. A sweep that needs one trains it again."""
     from orchestrator.sources.library import SourceLibrary
 
     for name in names:
         SourceLibrary(storage).remove(name)
-    out.print(f"removed {len(names)}")
+    if as_json:
+        print_json({"removed": names})
+    else:
+        out.print(f"removed {len(names)}")
 
 
 @sources.command()
@@ -91,8 +105,11 @@ def verify(storage: Storage = RESULTS, as_json: Json = False) -> None:
 @sources.command()
 def export(
     names: Names = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write.")] = Path("sources.zip"),
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="The file to write.")] = Path(
+        "sources.zip"
+    ),
     storage: Storage = RESULTS,
+    as_json: Json = False,
 ) -> None:
     """Write sources into one file with checksums."""
     from orchestrator.sources.archive import export_sources
@@ -100,34 +117,46 @@ def export(
 
     library = SourceLibrary(storage)
     count = export_sources(library, library.find(names or []), output)
-    out.print(f"{count} sources: {output}", soft_wrap=True)
+    if as_json:
+        print_json({"file": str(output), "sources": count})
+    else:
+        out.print(f"{count} sources: {output}", soft_wrap=True)
 
 
 @sources.command("import")
 def import_(
-    file: Annotated[Path, typer.Argument(help="What 'deltatune sources export' wrote.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What 'deltatune sources export' wrote.")],
     names: Names = None,
     storage: Storage = RESULTS,
+    as_json: Json = False,
 ) -> None:
     """Take sources from such a file, all of them or none where one is damaged."""
     from orchestrator.sources.archive import import_sources
     from orchestrator.sources.library import SourceLibrary
 
     entries = import_sources(SourceLibrary(storage), file, names or [])
-    out.print(f"{len(entries)} sources from {file}", soft_wrap=True)
+    if as_json:
+        print_json({"imported": [entry.id for entry in entries]})
+    else:
+        out.print(f"{len(entries)} sources from {file}", soft_wrap=True)
 
 
 @app.command(rich_help_panel=CATALOGUE_PANEL)
 def rank(
-    target: Annotated[str, typer.Argument(help="Target task, e.g. windy_gridworld:wind=reversed.")],
+    target: Annotated[
+        str, typer.Argument(metavar="TARGET", help="The target task, such as windy_gridworld:wind=reversed.")
+    ],
     source: Annotated[
-        list[str] | None, typer.Option("--sources", help="An id or a task; repeat for more. Default: the library.")
+        list[str] | None,
+        typer.Option("--sources", metavar="SOURCE", help="An id or a task; repeat for more. Default: the library."),
     ] = None,
     episodes: Annotated[
-        int, typer.Option(min=2, help="Episodes to play on the target, for all sources together.")
+        int, typer.Option(min=2, metavar="N", help="Episodes to play on the target, for all sources together.")
     ] = 100,
-    seed: Annotated[int, typer.Option(min=0, help="Of the episodes' randomness.")] = 0,
-    file: Annotated[list[str] | None, typer.Option("--file", help="Run this file first; repeat for more.")] = None,
+    seed: Annotated[int, typer.Option(min=0, metavar="SEED", help="The seed of the episodes.")] = 0,
+    file: Annotated[
+        list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
+    ] = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:

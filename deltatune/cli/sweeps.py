@@ -152,9 +152,13 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
 
 @app.command(rich_help_panel=RUN_PANEL)
 def replay(
-    cell_id: Annotated[str, typer.Argument(help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")],
-    name: Annotated[str | None, typer.Option("--sweep", help="Look in this sweep alone.")] = None,
-    file: Annotated[list[str] | None, typer.Option("--file", help="Run this own file first; repeat for more.")] = None,
+    cell_id: Annotated[
+        str, typer.Argument(metavar="CELL_ID", help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")
+    ],
+    name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look in this sweep alone.")] = None,
+    file: Annotated[
+        list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
+    ] = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
@@ -178,8 +182,10 @@ def replay(
 def ui(
     storage: Storage = RESULTS,
     tracking_uri: TrackingUri = None,
-    host: Annotated[str, typer.Option(help="Address to listen on; 127.0.0.1 is this machine alone.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=1, max=65535)] = 5000,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="The address to listen on; 127.0.0.1 is this machine alone.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, metavar="PORT", help="The port to listen on.")] = 5000,
 ) -> None:
     """Open the MLflow UI on the sweeps of a storage folder.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import time
+from dataclasses import asdict
 
 from rich.console import Console
 
@@ -13,8 +15,11 @@ from orchestrator.results.status import KEYS, sweep_status
 from orchestrator.results.sweep_folder import Results
 
 
-def follow(results: Results, console: Console, every: float) -> None:
+def follow(results: Results, console: Console, every: float, as_json: bool = False) -> None:
     """Show a sweep's progress until no driver is at it any more; then say how far it has come."""
+    if as_json:
+        _follow_json(results, every)
+        return
     live, bar, printed = bars(console), None, 0.0
     if console.is_terminal:
         live.start()
@@ -31,6 +36,15 @@ def follow(results: Results, console: Console, every: float) -> None:
     finally:
         live.stop()
     console.print(_ended(results), soft_wrap=True)
+
+
+def _follow_json(results: Results, every: float) -> None:
+    """Print each snapshot as a line of JSON, and at the end what `status` says."""
+    while driver(results.folder) is not None:
+        if (snapshot := progress.read(results.folder)) is not None:
+            print(json.dumps(asdict(snapshot)), flush=True)
+        time.sleep(every)
+    print(json.dumps(sweep_status(results)), flush=True)
 
 
 def _ended(results: Results) -> str:

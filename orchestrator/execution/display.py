@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, ProgressColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
+from rich.table import Column
 
 from orchestrator.results import progress
 from orchestrator.results.driver_log import Journal
@@ -25,11 +26,21 @@ LOG_EVERY = 15.0
 
 
 def bars(console: Console) -> Bars:
-    """The live line."""
-    columns: list[ProgressColumn] = [TextColumn("[bold]{task.description}"), BarColumn(bar_width=24)]
-    columns += [TextColumn("{task.fields[ended]}/{task.total}"), TextColumn("{task.fields[counts]}")]
-    columns += [TimeElapsedColumn(), *(TextColumn(f"{{task.fields[{name}]}}") for name in ("rate", "left", "best"))]
+    """Return the live line, with as much in it as the terminal has room for: bar and count in any."""
+    width = console.width
+    columns: list[ProgressColumn] = [_text("[bold]{task.description}"), BarColumn(24 if width >= 120 else 12)]
+    columns += [_text("{task.fields[ended]}/{task.total}"), _text("{task.fields[percent]}")]
+    columns += [_text("{task.fields[counts]}")] if width >= 80 else []
+    columns += [TimeElapsedColumn(Column(no_wrap=True))]
+    columns += [_text("{task.fields[rate]}")] if width >= 120 else []
+    columns += [_text("{task.fields[left]}")]
+    columns += [_text("{task.fields[best]}", width - 115)] if width >= 140 else []
     return Bars(*columns, console=console, refresh_per_second=4)
+
+
+def _text(text: str, most: int | None = None) -> TextColumn:
+    """Return a column of the live line that is never folded, cut at `most` characters."""
+    return TextColumn(text, table_column=Column(no_wrap=True, overflow="ellipsis", max_width=most))
 
 
 def fields(snapshot: Snapshot) -> dict[str, Any]:
@@ -39,6 +50,7 @@ def fields(snapshot: Snapshot) -> dict[str, Any]:
         "total": snapshot.total,
         "completed": snapshot.share * snapshot.total,
         "ended": snapshot.ended,
+        "percent": f"{snapshot.share:.0%}",
         "counts": snapshot.counts(),
         "rate": snapshot.rate(),
         "left": snapshot.left(),

@@ -58,10 +58,14 @@ class Snapshot:
                 return f"about {self.seconds_left / size:.0f} {name} left"
         return f"about {self.seconds_left:.0f} s left"
 
+    def _percent(self) -> str:
+        """Return ' (12%)', the finished parts of running cells included, where that says more than the count."""
+        return f" ({self.share:.0%})" if self.ended / max(self.total, 1) < round(self.share, 2) < 1 else ""
+
     def line(self) -> str:
         """The whole of it in one line."""
         parts = [
-            f"{self.stage}: {self.ended} of {self.total} cells",
+            f"{self.stage}: {self.ended} of {self.total} cells{self._percent()}",
             self.counts(),
             self.rate(),
             self.left(),

@@ -265,6 +265,17 @@ def test_check_says_whether_a_task_is_sound(
     assert "bad_tasks.py has no 'Goood'; did you mean 'Good'?" in terminal.refused("check", "bad_tasks.py:Goood")
 
 
+def test_a_quick_look_is_small_and_says_its_cost(
+    terminal: Terminal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    data = terminal.json("init", "windy_gridworld", "--quick", "-o", "q.yaml")
+    assert 0 < data["seconds"][0] <= data["seconds"][1]
+    space = yaml.safe_load(Path("q.yaml").read_text())
+    assert (space["seeds"], space["hyperparameters"]["episodes"]) == (2, 500)
+    assert space["hyperparameters"]["evaluate_every"] <= 50
+
+
 def test_init_writes_a_file_once_that_a_dry_run_reads(
     terminal: Terminal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -76,3 +76,9 @@ def test_a_sweep_is_removed_when_that_is_confirmed_and_no_driver_is_at_it(storag
     assert (Path(storage) / "small").exists(), "nothing is removed where one name is wrong"
     run("rm", "small", "--yes", "--storage", storage)
     assert not (Path(storage) / "small").exists()
+
+
+def test_watch_and_logs_speak_json(storage: str) -> None:
+    (line,) = run("watch", "small", "--storage", storage, "--json").splitlines()
+    assert json.loads(line)["stages"]["transfer"]["done"] == 28
+    assert all("line" in json.loads(line) for line in run("logs", "small", "--storage", storage, "--json").splitlines())

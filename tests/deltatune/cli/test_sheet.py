@@ -47,3 +47,22 @@ def test_running_text_is_folded_before_a_table_becomes_cards() -> None:
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "────" in text
     assert len(text.splitlines()) > 4
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 200])
+def test_the_live_line_keeps_its_bar_and_count(width: int) -> None:
+    from orchestrator.execution.display import bars, fields
+    from orchestrator.results.progress import Snapshot
+
+    snapshot = Snapshot("transfer", 108, 40, 1, 0, 2, 0.4, 12_345.0, 130.0, "best AUC -36.7 (delta_gate on a task)")
+    console = Console(file=io.StringIO(), width=width)
+    live = bars(console)
+    live.add_task(**fields(snapshot))
+    console.print(live.get_renderable())
+    (line,) = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert len(line) <= width
+    for part in ("transfer", "━", "41/108", "40%", "about 2 min left"):
+        assert part in line
+    assert ("2 running, 1 failed" in line) == (width >= 80)
+    assert ("12,345 steps/s" in line) == (width >= 120)
+    assert ("best AUC" in line) == (width >= 140)
