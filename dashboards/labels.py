@@ -38,8 +38,9 @@ def label(group: Group, hide: Collection[str] = ()) -> str:
 
 
 def heading(target: str, source: str) -> str:
-    """'target, learned source'."""
-    return f"{short(target)}, {SOURCES[source]}" if source in SOURCES else short(target)
+    """Return 'target, learned source', with which source it is where `source` (a kind, or a label) says so."""
+    kind = next((kind for kind in SOURCES if source.startswith(kind)), None)
+    return f"{short(target)}, {SOURCES[kind]}{source.removeprefix(kind)}" if kind else short(target)
 
 
 def in_order(groups: Iterable[Group]) -> list[Group]:
@@ -51,6 +52,24 @@ def kinds(groups: Iterable[Group]) -> list[str]:
     """The kinds of source among groups, learned first; ['none'] where there is no transfer."""
     there = {group.source for group in groups}
     return [kind for kind in SOURCES if kind in there] or ["none"]
+
+
+def by_source(groups: Iterable[Group]) -> list[tuple[str, list[Group]]]:
+    """Return (label of the source, groups) for each source of a target's groups, with its baselines; learned first."""
+    groups = list(groups)
+    first = {group.source_label: group for group in reversed(groups) if group.source != "none"}
+    order = list(SOURCES)
+    labels = sorted(
+        dict.fromkeys(group.source_label for group in groups if group.source_label in first),
+        key=lambda label: order.index(first[label].source),
+    )
+
+    def of(label: str, group: Group) -> bool:
+        if group.source == "none":
+            return group.source_task in (None, first[label].source_task)
+        return group.source_label == label
+
+    return [(label, [group for group in groups if of(label, group)]) for label in labels] or [("none", groups)]
 
 
 def minus(text: str) -> str:

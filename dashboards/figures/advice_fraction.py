@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dashboards.figure_model import Absent, Chart, Level, Panel, Series
-from dashboards.labels import heading, in_order, targets
+from dashboards.labels import by_source, heading, in_order, targets
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 
@@ -18,10 +18,12 @@ def chart(findings: Findings) -> Chart | Absent:
     advised = [group for group in findings.groups if SHARE in group.hyperparameters and group.complete]
     panels = []
     for target in targets(findings):
-        for source in dict.fromkeys(group.source for group in advised):
-            here = [group for group in advised if (group.task, group.source) == (target, source)]
-            if len(_shares(here)) > 1:
-                panels.append(_panel(target, source, here, [g for g in findings.best if g.task == target]))
+        best = [group for group in findings.best if group.task == target]
+        bases = [group for group in best if group.source == "none"]
+        for source, here in by_source([*bases, *(group for group in advised if group.task == target)]):
+            tried = [group for group in here if group.source != "none"]
+            if len(_shares(tried)) > 1:
+                panels.append(_panel(target, source, tried, [group for group in bases if group in here]))
     if not panels:
         return Absent(NAME, TITLE, "No target has two advice fractions with every seed done, so there is no Figure 4.")
     caption = "AUC, mean and sd over seeds, against the share of the source run's steps with advice (Figure 4). "
@@ -34,7 +36,7 @@ def _shares(groups: Sequence[Group]) -> list[float]:
     return sorted({float(group.hyperparameters[SHARE]) for group in groups})
 
 
-def _panel(target: str, source: str, advised: Sequence[Group], best: Sequence[Group]) -> Panel:
+def _panel(target: str, source: str, advised: Sequence[Group], bases: Sequence[Group]) -> Panel:
     shares = _shares(advised)
     agents = list(dict.fromkeys(group.agent for group in in_order(advised)))
     series = []
@@ -45,7 +47,7 @@ def _panel(target: str, source: str, advised: Sequence[Group], best: Sequence[Gr
         low = tuple(None if mean is None else mean - sd for mean, sd in zip(means, sds, strict=True))
         high = tuple(None if mean is None else mean + sd for mean, sd in zip(means, sds, strict=True))
         series.append(Series(agent, agent, tuple(map(float, range(len(shares)))), means, (low, high), form="bars"))
-    base = [Level(group.auc.value, group.agent, group.agent) for group in best if group.source == "none" and group.auc]
+    base = [Level(group.auc.value, group.agent, group.agent) for group in bases if group.auc]
     ticks = tuple(f"{share:.0%}" for share in shares)
     x_title = "share of the source run's steps with advice"
     return Panel(heading(target, source), x_title, "AUC", tuple(series), target, tuple(base), ticks)

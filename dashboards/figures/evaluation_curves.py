@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 import pandas as pd
 
 from dashboards.figure_model import Absent, Chart, Panel, Series
-from dashboards.labels import count, heading, in_order, kinds, label, targets
+from dashboards.labels import by_source, count, heading, in_order, label, targets
 from orchestrator.analysis.curves import curve_bands
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
@@ -37,12 +37,12 @@ def chart(findings: Findings) -> Chart | Absent:
     lines = {key: line(g, bands[key, "greedy_return"], findings.common) for key, g in drawn.items()}
     lines |= {key: line(g, bands[key, "greedy_return"], findings.common, faint=True) for key, g in others.items()}
     every_group = in_order([*others.values(), *drawn.values()])
-    panels = []
+    panels, columns = [], 1
     for target in shown:
         here = [group for group in every_group if group.task == target]
-        for source in kinds(here):
-            series = tuple(lines[group.id] for group in here if group.source in (source, "none"))
-            panels.append(_panel(target, source, series))
+        sources = by_source(here)
+        columns = max(columns, len(sources))
+        panels += [_panel(target, source, tuple(lines[group.id] for group in of)) for source, of in sources]
     longest = max(len(band) for band in bands.values())
     every = -(-(longest - 1) // (POINTS - 1)) if longest > POINTS else 1
     caption = "Greedy return over training: mean and 95 % interval over seeds. Bold: each agent's best configuration; "
@@ -51,7 +51,7 @@ def chart(findings: Findings) -> Chart | Absent:
         f"Of {longest} evaluations about every {every}th is drawn." if every > 1 else "Every evaluation is drawn."
     )
     alt = f"Evaluation curves of {count(len(drawn), 'configuration')} on {count(len(shown), 'target')}."
-    return Chart(NAME, TITLE, caption, alt, tuple(panels), len(kinds(drawn.values())))
+    return Chart(NAME, TITLE, caption, alt, tuple(panels), columns)
 
 
 def _others(findings: Findings, target: str) -> list[Group]:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Sequence
 
 from dashboards.figure_model import Absent, Chart, Level, Panel
 from dashboards.figures.evaluation_curves import Bands, line
-from dashboards.labels import count, heading, in_order, kinds, listed, targets
+from dashboards.labels import by_source, count, heading, in_order, listed, targets
 from orchestrator.analysis.curves import curve_bands
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
@@ -31,9 +31,9 @@ def chart(findings: Findings) -> Chart | Absent:
     panels = [
         panel
         for target in targets(findings)
-        for source in kinds(shown)
+        for source, here in by_source(group for group in shown if group.task == target)
         for plot in quantities
-        if (panel := _panel(target, source, plot, shown, bands, findings.common)) is not None
+        if (panel := _panel(target, source, plot, here, bands, findings.common)) is not None
     ]
     if not panels:
         reason = "No agent with a source has every seed done, so there is no gate and no advice to show."
@@ -53,8 +53,7 @@ def _panel(
     bands: Bands,
     hide: Collection[str],
 ) -> Panel | None:
-    here = [group for group in shown if (group.task, group.source) == (target, source)]
-    here = [group for group in here if len(bands[group.id, plot.statistic])]
+    here = [group for group in shown if len(bands[group.id, plot.statistic])]
     if not here:
         return None
     series = tuple(line(group, bands[group.id, plot.statistic], hide) for group in here)

@@ -10,7 +10,7 @@ import pytest
 
 from dashboards.figure_model import Matrix
 from dashboards.figures import transfer_matrix
-from dashboards.labels import label
+from dashboards.labels import by_source, heading, label
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.summary_table import row
 from orchestrator.export.best_params import best, read_params, write_best
@@ -150,3 +150,13 @@ def test_one_source_is_named_by_its_kind_alone(tmp_path: Path) -> None:
     found = find(Results.create(tmp_path, "two", parse("two", SPACE)), (table, table))
     assert [group.source_label for group in found.best] == ["none", "learned"]
     assert [group.id for group in found.groups] == [bases(0.5)[0].group, gates(ORIGIN, 0.5)[0].group]
+
+
+def test_each_source_has_its_curves_beside_its_own_baseline(findings: Findings) -> None:
+    shown = {name: [f"{group.agent} {group.source_task}" for group in of] for name, of in by_source(findings.best)}
+    assert shown == {
+        "learned from windy_gridworld": ["q_learning windy_gridworld", "delta_gate windy_gridworld"],
+        f"learned from {SMALL}, own_seed": [f"q_learning {SMALL}", f"delta_gate {SMALL}"],
+        f"learned from {SMALL}, best_evaluated": [f"q_learning {SMALL}", f"delta_gate {SMALL}"],
+    }
+    assert heading(REVERSED, "learned from X, own_seed") == f"{REVERSED}, learned source from X, own_seed"
