@@ -113,7 +113,7 @@ class Arm:
             and cell.seed in self.seeds
             and cell.sources == self.sources.get(cell.seed, ())
             and self._fixed(cell.hyperparameters) in self._configurations
-            and all(_inside(option, float(cell.hyperparameters[name])) for name, option in self.ranges.items())
+            and all(_inside(option, cell.hyperparameters[name]) for name, option in self.ranges.items())
         )
 
     def first(self) -> Values:
@@ -155,8 +155,10 @@ def labels_of(arms: Iterable[Arm], cells: Iterable[Cell]) -> dict[str, list[Labe
     return found
 
 
-def _inside(option: Range, value: float) -> bool:
+def _inside(option: Range, value: Any) -> bool:
     """Return whether a value that was rounded to 12 digits is from the range."""
+    if not isinstance(value, int | float):
+        return False  # e.g. threshold: auto
     room = 1e-9 * max(abs(option.low), abs(option.high))
     return option.low - room <= value <= option.high + room
 

@@ -105,3 +105,9 @@ def test_the_ends_of_a_range_are_in_it(option: Range) -> None:
     arm = Arm("q_learning", "windy_gridworld", (0,), ranges={name: option})
     for end in option.ends():
         assert arm.owns(arm.cells({name: end})[0])
+
+
+def test_a_word_is_in_no_range() -> None:
+    sources = {0: (Source(task="windy_gridworld:wind=small", kind="exact"),)}
+    arm = Arm("delta_gate", "windy_gridworld", (0,), ranges={"threshold": Range(low=1, high=20)}, sources=sources)
+    assert [arm.owns(arm.cells({"threshold": value})[0]) for value in ("auto", 0.5, 10.0)] == [False, False, True]
