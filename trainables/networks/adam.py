@@ -11,10 +11,13 @@ from numba.core import cgutils, types
 
 from trainables.numerics.jit import compiled
 from trainables.numerics.matmul import F32, norm
-from trainables.numerics.simd import LANES, broadcast, intrinsic, load, loop, pointer, store
+from trainables.numerics.simd import LANES, broadcast, intrinsic, load, loop, pointer, store, zero
 
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
 """Torch's defaults."""
+
+SMALLEST = float(np.finfo(np.float32).tiny)
+"""Moments nearer to 0 become 0: those of dead units decay for ever, and such numbers cost many times as much."""
 
 BLOCK = 64 * LANES
 
@@ -24,22 +27,29 @@ def _vectors(
     typing: Any, p: Any, m: Any, v: Any, g: Any, start: Any, chunks: Any, scale: Any, keep1: Any, decay2: Any,
     keep2: Any, root: Any, size: Any, epsilon: Any,
 ) -> Any:  # fmt: skip
-    """What `_one` does, for chunks * LANES elements from `start`; chunks >= 1."""
+    """Take the step of `_one` for chunks * LANES elements from `start`; chunks >= 1."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         vector = ir.VectorType(ir.FloatType(), LANES)
         origins = [pointer(context, builder, signature.args[i], args[i], args[4]) for i in range(4)]
         scale, keep1, decay2, keep2, root, size, epsilon = (broadcast(builder, x, vector) for x in args[6:])
         insert: Any = cgutils.get_or_insert_function
-        square_root = insert(builder.module, ir.FunctionType(vector, [vector]), f"llvm.sqrt.v{LANES}f32")
+        of_vector = ir.FunctionType(vector, [vector])
+        square_root = insert(builder.module, of_vector, f"llvm.sqrt.v{LANES}f32")
+        size_of = insert(builder.module, of_vector, f"llvm.fabs.v{LANES}f32")
+        smallest, nothing = ir.Constant(vector, [SMALLEST] * LANES), zero(vector)
+
+        def kept(value: Any) -> Any:
+            tiny = builder.fcmp_ordered("<", builder.call(size_of, [value]), smallest)
+            return builder.select(tiny, nothing, value)
 
         def body(index: Any, carried: list[Any]) -> list[Any]:
             at = builder.mul(index, ir.Constant(index.type, LANES))
             p_at, m_at, v_at, g_at = (builder.gep(origin, [at]) for origin in origins)
             p, m, v, g = (load(builder, place, vector) for place in (p_at, m_at, v_at, g_at))
             g = builder.fmul(g, scale)
-            m = builder.fadd(m, builder.fmul(keep1, builder.fsub(g, m)))
-            v = builder.fadd(builder.fmul(decay2, v), builder.fmul(builder.fmul(keep2, g), g))
+            m = kept(builder.fadd(m, builder.fmul(keep1, builder.fsub(g, m))))
+            v = kept(builder.fadd(builder.fmul(decay2, v), builder.fmul(builder.fmul(keep2, g), g)))
             under = builder.fadd(builder.fmul(builder.call(square_root, [v]), root), epsilon)
             p = builder.fsub(p, builder.fmul(size, builder.fdiv(m, under)))
             for place, value in ((m_at, m), (v_at, v), (p_at, p)):
@@ -54,6 +64,21 @@ def _vectors(
 
 
 @compiled
+def _one(
+    p: F32, m: F32, v: F32, i: int, g: float, keep1: float, decay2: float, keep2: float, root: float, size: float,
+    epsilon: float,
+) -> None:  # fmt: skip
+    """Adam's step of one parameter; all numbers have 32 bits."""
+    m[i] += keep1 * (g - m[i])
+    v[i] = decay2 * v[i] + keep2 * g * g
+    if abs(m[i]) < SMALLEST:
+        m[i] = 0.0
+    if v[i] < SMALLEST:
+        v[i] = 0.0
+    p[i] -= size * np.divide(m[i], np.sqrt(v[i]) * root + epsilon)
+
+
+@compiled
 def adam(parameters: F32, first: F32, second: F32, gradient: F32, step: int, rate: float, max_norm: float) -> None:
     """Adam's step number `step` (from 1) with the gradient scaled down to the norm `max_norm`, as torch does both."""
     scale = np.float32(min(max_norm / (norm(gradient) + 1e-6), 1.0))
@@ -63,10 +88,7 @@ def adam(parameters: F32, first: F32, second: F32, gradient: F32, step: int, rat
     size = np.float32(rate / (1 - BETA1**step))
     whole = len(parameters) // LANES * LANES
     for i in range(whole, len(parameters)):
-        g = gradient[i] * scale
-        first[i] += keep1 * (g - first[i])
-        second[i] = decay2 * second[i] + keep2 * g * g
-        parameters[i] -= size * np.divide(first[i], np.sqrt(second[i]) * root + epsilon)
+        _one(parameters, first, second, i, gradient[i] * scale, keep1, decay2, keep2, root, size, epsilon)
     for back in range(0, whole, BLOCK):  # from the end, so that the next forward pass finds its beginning in the cache
         start = max(whole - back - BLOCK, 0)
         chunks = (whole - back - start) // LANES

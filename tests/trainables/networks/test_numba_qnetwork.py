@@ -8,6 +8,7 @@ import torch
 
 from trainables.agents.hyperparameters import DQN
 from trainables.errors import InputError
+from trainables.networks.adam import adam
 from trainables.networks.numba_qnetwork import QNetwork
 from trainables.networks.torch_qnetwork import TorchNetwork
 
@@ -138,3 +139,22 @@ def test_units_that_are_dead_for_a_minibatch_are_left_out_and_torch_sees_no_diff
         ours.update(np.ascontiguousarray(x.T).ravel(), actions, targets)
     theirs = torch.nn.utils.parameters_to_vector(module.parameters()).detach().numpy()
     assert np.abs(ours.parameters - theirs).max() < 1e-5
+
+
+def test_moments_that_decay_below_the_smallest_normal_number_become_0_and_change_no_parameter() -> None:
+    count, tiny = 37, np.finfo(np.float32).tiny
+    parameters = np.random.default_rng(0).standard_normal(count).astype(np.float32)
+    first, second = np.full(count, 1.05 * tiny, np.float32), np.full(count, 1.0005 * tiny, np.float32)
+    first[3] = second[3] = 1.0
+    before = parameters.copy()
+    adam(parameters, first, second, np.zeros(count, np.float32), 5, 1e-3, 10.0)
+    others = np.arange(count) != 3
+    assert not first[others].any()
+    assert not second[others].any()
+    np.testing.assert_array_equal(parameters[others], before[others])
+    assert first[3] == np.float32(0.9)
+    assert parameters[3] != before[3]
+    first[5] = np.nan
+    adam(parameters, first, second, np.zeros(count, np.float32), 6, 1e-3, 10.0)
+    assert np.isnan(first[5])
+    assert np.isnan(parameters[5])
