@@ -106,9 +106,9 @@ def _panel(source: str, kind: str, here: Sequence[Pair]) -> Panel:
         x, y = tuple(pair.delta for pair in mine), tuple(pair.ratio[0] for pair in mine)
         band = (tuple(pair.ratio[1] for pair in mine), tuple(pair.ratio[2] for pair in mine))
         tasks = tuple(pair.group.task for pair in mine)
-        names = _names(mine, here) if agent == "policy_reuse" and len(mine) <= NAMED else ()
+        names = _names(mine, here) if _direct(agent) and len(mine) <= NAMED else ()
         series.append(Series(agent, agent, x, y, band, form="points", names=names, hover=tasks))
-        if (agent, source) == ("policy_reuse", "exact"):
+        if _direct(agent) and source == "exact":
             exact = tuple(largest_delta(pair.group) for pair in mine)
             series.append(
                 Series(agent, f"{agent}, exact max |delta|", exact, y, form="points", hollow=True, hover=tasks)
@@ -121,6 +121,11 @@ def _panel(source: str, kind: str, here: Sequence[Pair]) -> Panel:
     level = (Level(0.0),)
     title = SOURCES.get(source, source)
     return Panel(title, x_title, "transfer ratio (%)", tuple(series), levels=level, y_range=reach[0], x_range=reach[1])
+
+
+def _direct(agent: str) -> bool:
+    """Whether an agent follows its source in every step: its transfer ratio is that of the source's policy itself."""
+    return getattr(agent_named(agent).hyperparameters, "reuse", None) == "always"
 
 
 def _reach(values: Iterable[float]) -> tuple[float, float]:

@@ -113,6 +113,8 @@ def _deep() -> Named:
     yield "delta_es/learned", Cell.create("delta_es", HEAVY, 0, DEEP | {"advice_fraction": 1.0} | TRAIN, best)
     yield "delta_es/ends", Cell.create("delta_es", HEAVY, 1, DEEP | {"delta_learning_rate": 0.01} | TRAIN, soon)
     yield "delta_es/rests", Cell.create("delta_es", HEAVY, 1, DEEP | {"delta_learning_rate": 0.01}, soon)
+    mended = DEEP | TRAIN | {"loss": "huber", "truncation": "terminal"}
+    yield "delta_es/huber, terminal", Cell.create("delta_es", f"{CART}:limit=20", 0, mended, best)
     yield "dpba/learned", Cell.create("dpba", HEAVY, 0, DEEP, best)
     yield "delta_dpba/learned", Cell.create("delta_dpba", HEAVY, 0, DEEP, best)
     chosen = DEEP | {"memory": 5}

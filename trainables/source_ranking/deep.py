@@ -53,7 +53,7 @@ class DeepBench:
 
     def estimates(self) -> list[Following]:
         """What each source's episodes, and all transitions, say of it."""
-        sd = _pooled_sd(self._episodes)
+        sd = _pooled_sd(self._episodes, unknown=math.inf)
         sizes = np.sqrt(self._squares[:, 0] / np.maximum(self._squares[:, 1], 1))
         return [_following(episodes, sd, float(size)) for episodes, size in zip(self._episodes, sizes, strict=True)]
 
@@ -70,15 +70,18 @@ def _mean(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values)
 
 
-def _pooled_sd(groups: Sequence[Sequence[Episode]]) -> float:
-    """Standard deviation of an episode's value around its source's mean, over all sources; 0 where none has two."""
+def _pooled_sd(groups: Sequence[Sequence[Episode]], unknown: float = 0.0) -> float:
+    """Return the standard deviation of an episode's value around its source's mean, over all sources.
+
+    unknown: what it is where no source has two episodes.
+    """
     squares, freedom = 0.0, 0
     for group in groups:
         values = [episode.promise + episode.path_delta for episode in group]
         if len(values) > 1:
             squares += float(np.var(values)) * len(values)
             freedom += len(values) - 1
-    return math.sqrt(squares / freedom) if freedom else 0.0
+    return math.sqrt(squares / freedom) if freedom else unknown
 
 
 def _following(episodes: Sequence[Episode], sd: float, size: float) -> Following:

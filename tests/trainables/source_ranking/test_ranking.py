@@ -7,15 +7,19 @@ import math
 import numpy as np
 import pytest
 
+from trainables.agents.hyperparameters import DQN
+from trainables.cell import Cell
 from trainables.delta.exact import exact_delta, exact_q, policy_q
 from trainables.delta.noise_floor import episode_of
 from trainables.delta.sample import delta_samples
+from trainables.networks.network import source_network
 from trainables.source_ranking.deep import DeepBench
 from trainables.source_ranking.path_value import Follower, Seen, merged, nothing_seen
 from trainables.source_ranking.ranking import Bench, rank
 from trainables.source_ranking.tabular import Player, TabularBench
 from trainables.tasks.registry import model_of
 from trainables.tasks.rollout import Transitions
+from trainables.training.train import train
 
 GAMMA = 0.99
 WINDS = [f"windy_gridworld:wind={name}" for name in ("source", "small", "additional_1", "additional_2", "reversed")]
@@ -144,3 +148,16 @@ def test_states_seen_only_once_leave_the_value_uncertain() -> None:
     rewards, each = np.array([4.0, 1.0, -2.0]), np.arange(3)
     seen = Seen(each, np.zeros(3, np.int64), each + 1, once, rewards, rewards**2)
     assert Follower(q, 0, 0.9).estimate(seen).se > 1.0
+
+
+def test_a_network_that_played_one_episode_is_not_recommended_for_certain() -> None:
+    training = train(Cell.create("dqn", "cartpole", 0, {"episodes": 2, "evaluate_every": 2, "hidden_size": 8}))
+    list(training)
+    settings = training.cell.settings
+    assert isinstance(settings, DQN)
+    network = source_network(training.knowledge(), "last", settings, 4, 2)
+    bench = DeepBench("cartpole", [("cartpole", network)], GAMMA, 0)
+    bench.play(0)
+    assert bench.estimates()[0].se == math.inf
+    bench.play(0)
+    assert bench.estimates()[0].se < math.inf
