@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PACKAGES := trainables search_spaces orchestrator dashboards deltatune
 
-.PHONY: setup demo test lint check bench clean
+.PHONY: setup demo test test-fast test-slow lint check bench clean
 
 setup: .venv/.installed
 
@@ -16,8 +16,16 @@ setup: .venv/.installed
 demo: setup
 	$(BIN)/deltatune sweep demo
 
+# All but the slow ones, in two processes: the tests that start Ray in one of them, the others beside it.
 test: setup
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+# A loop of under a minute: nothing that starts Ray or a browser.
+test-fast: setup
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'not (slow or ray or cluster or browser or server)'
+
+test-slow: setup
+	$(BIN)/python -m pytest -m slow
 
 lint: setup
 	$(BIN)/ruff check .

@@ -75,6 +75,20 @@ def timeless(table: pd.DataFrame) -> pd.DataFrame:
     return table.drop(columns=["seconds", "steps_per_second"], errors="ignore")
 
 
+RAY = {"ray", "cluster"}
+"""Marks of tests that start Ray: pytest-xdist gives them all to one of its processes, beginning with them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that use this session's Ray, and put all that start one first and together."""
+    for item in items:
+        if "ray_session" in getattr(item, "fixturenames", ()):
+            item.add_marker("ray")
+        if any(item.get_closest_marker(name) for name in RAY):
+            item.add_marker(pytest.mark.xdist_group("ray"))
+    items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
+
+
 @pytest.fixture(autouse=True)
 def _own_mlflow(monkeypatch: pytest.MonkeyPatch) -> None:
     """No test writes to a store that the environment names."""

@@ -24,7 +24,8 @@ ENOUGH = 6
 
 
 def command(space: Path, storage: Path) -> list[str]:
-    return [sys.executable, "-m", "deltatune.cli.main", "sweep", str(space), "--storage", str(storage), "--json"]
+    words = ["sweep", str(space), "--storage", str(storage), "--local", "--workers", "2", "--json"]
+    return [sys.executable, "-m", "deltatune.cli.main", *words]
 
 
 def test_a_killed_sweep_goes_on_with_its_missing_cells(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from orchestrator.cluster import jobs
 from orchestrator.results.lock import driver as driver_of
 from orchestrator.results.sweep_folder import Results
 
+pytestmark = pytest.mark.cluster
 pytest.importorskip("ray.dashboard.optional_deps", reason="needs ray[default]")
 pytest.importorskip("aiohttp_cors", reason="needs ray[default]")
 
@@ -138,7 +139,8 @@ def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
 
     gone = tmp_path / "gone"
     gone.mkdir()
-    code = "from orchestrator import cluster; cluster.HEAD_PATIENCE = 3.0; from deltatune.cli.main import main; main()"
+    code = "from orchestrator.cluster import connection; connection.HEAD_PATIENCE = 3.0; "
+    code += "from deltatune.cli.main import main; main()"
     with driver(gone, *words, python=("-c", code), env=TOKEN, **LONGER) as process:
         wait_for(ended(gone, 3), process)
         cluster.remove(cluster.head)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -14,11 +13,18 @@ from orchestrator.results.sweep_folder import Results
 from trainables.storage import checkpoint
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        pytest.param(signal.SIGTERM, (), id="ray", marks=pytest.mark.ray),
+        pytest.param(signal.SIGINT, ("--local", "--workers", "2"), id="processes"),
+        pytest.param(signal.SIGINT, ("--local", "--workers", "1"), id="in-process"),
+    ],
+)
 def test_a_sweep_that_is_asked_to_stop_ends_gracefully_and_goes_on(
-    calm: Path, tmp_path: Path, number: signal.Signals
+    calm: Path, tmp_path: Path, number: signal.Signals, words: tuple[str, ...]
 ) -> None:
-    with driver(tmp_path, "--no-mlflow", **LONGER) as process:
+    with driver(tmp_path, "--no-mlflow", *words, **LONGER) as process:
         wait_for(ended(tmp_path, 6), process)
         process.send_signal(number)
         out, err = process.communicate(timeout=120)
@@ -34,7 +40,8 @@ def test_a_sweep_that_is_asked_to_stop_ends_gracefully_and_goes_on(
 
 def test_deep_cells_are_checkpointed_before_an_interrupted_sweep_ends(tmp_path: Path) -> None:
     long = DEEP | {"hyperparameters": DEEP["hyperparameters"] | {"episodes": [100_000]}}
-    with driver(tmp_path, "--no-mlflow", "--checkpoint-every", "10000", **long) as process:
+    words = ("--no-mlflow", "--local", "--workers", "2", "--checkpoint-every", "10000")
+    with driver(tmp_path, *words, **long) as process:
         wait_for(lambda: running(tmp_path), process)
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=120)
@@ -56,13 +63,19 @@ def running(storage: Path) -> bool:
     return snapshot is not None and snapshot.share > 0
 
 
-def test_a_second_ctrl_c_does_not_wait(calm: Path, tmp_path: Path) -> None:
-    slow = {"hyperparameters": {"episodes": [300000], "evaluate_every": [300000]}}
-    with driver(tmp_path, "--no-mlflow", **slow) as process:
-        wait_for(lambda: "source" in log(tmp_path), process)
-        time.sleep(8)
-        for _ in range(2):
-            process.send_signal(signal.SIGINT)
-            time.sleep(0.5)
+WORKERS = [
+    pytest.param((), id="ray", marks=pytest.mark.ray),
+    pytest.param(("--local", "--workers", "2"), id="processes"),
+]
+
+
+@pytest.mark.parametrize("words", WORKERS)
+def test_a_second_ctrl_c_does_not_wait(tmp_path: Path, words: tuple[str, ...]) -> None:
+    slow = {"hyperparameters": {"episodes": [10**6], "evaluate_every": [10**6]}}
+    with driver(tmp_path, "--no-mlflow", *words, **slow) as process:
+        wait_for(lambda: "2 workers" in log(tmp_path), process)
+        process.send_signal(signal.SIGINT)
+        wait_for(lambda: "asked to stop" in log(tmp_path), process)
+        process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
     assert process.returncode == 130

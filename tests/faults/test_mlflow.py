@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import requests
-from conftest import CELLS
+from conftest import CELLS, LOCAL
 from harness import PATIENCE, assert_same, driver
 from mlflow.tracking import MlflowClient
 
@@ -61,7 +61,6 @@ def tracked(storage: Path, uri: str, harm: Callable[[int], None] = lambda cells:
     from conftest import SPACE
     from rich.console import Console
 
-    from orchestrator.execution.settings import Settings
     from orchestrator.execution.sweep import run
     from search_spaces.loading import parse
 
@@ -75,12 +74,12 @@ def tracked(storage: Path, uri: str, harm: Callable[[int], None] = lambda cells:
         harm(seen)
         follower.record(stage, record)
 
-    assert run(results, Settings(), Console(quiet=True), told).failed == 0
+    assert run(results, LOCAL, Console(quiet=True), told).failed == 0
     return results, follower
 
 
 def test_a_server_that_is_killed_and_comes_back_has_everything(
-    server: TrackingServer, finished: Path, tmp_path: Path, ray_session: None
+    server: TrackingServer, finished: Path, tmp_path: Path
 ) -> None:
     def harm(cells: int) -> None:
         if cells == 10:
@@ -96,7 +95,7 @@ def test_a_server_that_is_killed_and_comes_back_has_everything(
 
 
 def test_a_server_that_is_gone_for_the_rest_of_the_sweep_is_made_good_for_by_sync(
-    server: TrackingServer, tmp_path: Path, ray_session: None
+    server: TrackingServer, tmp_path: Path
 ) -> None:
     results, follower = tracked(tmp_path, server.uri, lambda cells: server.kill() if cells == 10 else None)
     assert follower.finish(find(results), []) is None
@@ -107,9 +106,7 @@ def test_a_server_that_is_gone_for_the_rest_of_the_sweep_is_made_good_for_by_syn
         assert kinds(server, results) == ALL
 
 
-def test_a_store_that_is_down_from_the_start_never_holds_a_sweep_up(
-    finished: Path, tmp_path: Path, ray_session: None
-) -> None:
+def test_a_store_that_is_down_from_the_start_never_holds_a_sweep_up(finished: Path, tmp_path: Path) -> None:
     started = time.monotonic()
     results, follower = tracked(tmp_path, "http://127.0.0.1:9")
     assert follower.finish(find(results), []) is None
@@ -182,7 +179,7 @@ def test_a_password_opens_the_server_and_is_written_nowhere(
     monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "ada")
     with gate(server) as uri:
         monkeypatch.setenv("MLFLOW_TRACKING_PASSWORD", SECRET)
-        with driver(storage, "--tracking-uri", uri, "--agents", "q_learning") as process:
+        with driver(storage, "--local", "--tracking-uri", uri, "--agents", "q_learning") as process:
             out, err = process.communicate(timeout=PATIENCE)
         monkeypatch.setenv("MLFLOW_TRACKING_PASSWORD", f"not-{SECRET}")
         results = Results.open(storage, "small")

@@ -46,7 +46,8 @@ def bucket() -> Iterator[str]:
 
 def command(folder: Path, storage: str) -> list[str]:
     (folder / "space.yaml").write_text(yaml.safe_dump(space(**DEEP), sort_keys=False))
-    words = ["sweep", str(folder / "space.yaml"), "--storage", storage, "--no-mlflow", "--checkpoint-every", "0"]
+    words = ["sweep", str(folder / "space.yaml"), "--storage", storage, "--no-mlflow", "--local", "--workers", "2"]
+    words += ["--checkpoint-every", "0"]
     return [sys.executable, "-m", "deltatune.cli.main", *words]
 
 

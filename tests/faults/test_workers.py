@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,9 +17,15 @@ from orchestrator.execution.work_queue import Pack
 from orchestrator.results.sweep_folder import Results
 from trainables.cell import Cell
 
-pytestmark = pytest.mark.usefixtures("ray_session")
+POOL = Settings(local=True, workers=2)
 
-DONE = {"done"}
+
+@pytest.fixture(params=[pytest.param(Settings(), id="ray", marks=pytest.mark.ray), pytest.param(POOL, id="processes")])
+def settings(request: pytest.FixtureRequest) -> Settings:
+    """Those of a sweep on Ray, and of one in processes beside this one."""
+    if not request.param.local:
+        request.getfixturevalue("ray_session")
+    return request.param
 
 
 def victim(storage: Path) -> Cell:
@@ -26,7 +33,9 @@ def victim(storage: Path) -> Cell:
     return Results.open(storage, "small").plan()["transfer"][5]
 
 
-def test_a_killed_worker_costs_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_killed_worker_costs_nothing(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: Settings
+) -> None:
     killed: list[int] = []
 
     def kill_first(pack: Pack, pid: int) -> None:
@@ -35,14 +44,14 @@ def test_a_killed_worker_costs_nothing(finished: Path, tmp_path: Path, monkeypat
             os.kill(pid, signal.SIGKILL)
 
     on_start(monkeypatch, kill_first)
-    _, tally = sweep(tmp_path, Settings())
+    _, tally = sweep(tmp_path, settings)
     assert killed
     assert (tally.ran, tally.failed) == (CELLS, 0)
     assert_same(tmp_path, finished)
 
 
 def test_a_cell_that_kills_its_workers_fails_alone_and_can_be_tried_again(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: Settings
 ) -> None:
     bad = victim(finished)
 
@@ -52,20 +61,20 @@ def test_a_cell_that_kills_its_workers_fails_alone_and_can_be_tried_again(
 
     with monkeypatch.context() as patch:
         on_start(patch, kill)
-        results, tally = sweep(tmp_path, Settings())
+        results, tally = sweep(tmp_path, settings)
     assert (tally.ran, tally.failed) == (CELLS, 1)
     head = results.heads()[bad.id]
     assert head.status == "failed"
     assert str(head.error).startswith(f"its worker was lost {work_queue.MAX_WORKER_LOSSES} times, at last: ")
-    _, tally = sweep(tmp_path, Settings())
+    _, tally = sweep(tmp_path, settings)
     assert tally.ran == 0
-    _, tally = sweep(tmp_path, Settings(retry_failed=True))
+    _, tally = sweep(tmp_path, replace(settings, retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
     assert_same(tmp_path, finished)
 
 
 def test_a_cell_that_hangs_is_ended_at_its_time_limit_and_the_rest_of_its_pack_runs(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: Settings
 ) -> None:
     bad = victim(finished)
 
@@ -75,17 +84,19 @@ def test_a_cell_that_hangs_is_ended_at_its_time_limit_and_the_rest_of_its_pack_r
 
     with monkeypatch.context() as patch:
         on_start(patch, stop)
-        results, tally = sweep(tmp_path, Settings(time_limit=8))
+        results, tally = sweep(tmp_path, replace(settings, time_limit=8))
     assert (tally.ran, tally.failed) == (CELLS, 1)
     assert results.heads()[bad.id].error == "it took longer than its time limit of 8 s"
-    _, tally = sweep(tmp_path, Settings(retry_failed=True))
+    _, tally = sweep(tmp_path, replace(settings, retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
     assert_same(tmp_path, finished)
 
 
-def test_a_cell_that_is_too_slow_fails_at_its_time_limit(tmp_path: Path) -> None:
+def test_a_cell_that_is_too_slow_fails_at_its_time_limit(tmp_path: Path, settings: Settings) -> None:
     slow = {"episodes": [10**7], "evaluate_every": [10**7]}
-    _, tally = sweep(tmp_path, Settings(time_limit=1), agents={"q_learning": {}}, hyperparameters=slow, **EXACT)
+    _, tally = sweep(
+        tmp_path, replace(settings, time_limit=1), agents={"q_learning": {}}, hyperparameters=slow, **EXACT
+    )
     assert (tally.ran, tally.failed) == (4, 4)
 
 
@@ -104,7 +115,6 @@ def test_a_cell_whose_arrays_do_not_fit_into_memory_fails_with_that_cause(tmp_pa
     sizes = {"episodes": [2], "evaluation_episodes": [1], "replay_capacity": [100, 10**13]}
     results, tally = sweep(
         tmp_path,
-        Settings(),
         scenarios=[deep],
         seeds=1,
         agents={"dqn": {"replay_capacity": [10**13]}},
@@ -116,6 +126,7 @@ def test_a_cell_whose_arrays_do_not_fit_into_memory_fails_with_that_cause(tmp_pa
     assert "Memory" in errors[0]
 
 
+@pytest.mark.ray
 def test_a_node_that_is_out_of_memory_is_said_to_be_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RAY_memory_usage_threshold", "0.01")
     monkeypatch.setenv("RAY_memory_monitor_refresh_ms", "50")

@@ -126,8 +126,8 @@ def test_help_and_catalogue_import_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_a_sweep_from_the_command_line(terminal: Terminal, space_file: Path, tmp_path: Path, ray_session: None) -> None:
-    words = ["sweep", str(space_file), "--storage", str(tmp_path / "r")]
+def test_a_sweep_from_the_command_line(terminal: Terminal, space_file: Path, tmp_path: Path) -> None:
+    words = ["sweep", str(space_file), "--local", "--workers", "1", "--storage", str(tmp_path / "r")]
     data = terminal.json(*words)
     folder = tmp_path / "r" / "small"
     assert data["sweep"] == str(folder)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import timeless
+from conftest import LOCAL, timeless
 from rich.console import Console
 
 from orchestrator.execution.replay import replay
@@ -57,14 +57,14 @@ def small(**changes: Any) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def swept(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Results:
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Results:
     results = Results.create(tmp_path_factory.mktemp("deep"), "deep", parse("deep", SPACE))
-    tally = run(results, Settings(), Console(quiet=True))
+    tally = run(results, LOCAL, Console(quiet=True))
     assert (tally.ran, tally.failed) == (CELLS, 0)
     return results
 
 
-def test_a_worker_gives_the_bits_of_a_plain_process(swept: Results) -> None:
+def test_a_sweep_gives_the_bits_of_a_plain_run(swept: Results) -> None:
     cells, _ = swept.write_tables()
     for cell_id in cells.drop_duplicates("agent")["cell_id"]:
         assert replay(swept.storage, cell_id).agrees

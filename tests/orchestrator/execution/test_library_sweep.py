@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import LOCAL
 from rich.console import Console
 
 from orchestrator.execution.replay import replay
-from orchestrator.execution.settings import Settings
 from orchestrator.execution.sweep import run
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
@@ -31,9 +31,9 @@ SPACE: dict[str, Any] = {
 }
 
 
-def test_every_task_of_the_library_is_trained_once_for_the_agent_that_chooses(ray_session, tmp_path: Path) -> None:
+def test_every_task_of_the_library_is_trained_once_for_the_agent_that_chooses(tmp_path: Path) -> None:
     results = Results.create(tmp_path, "library", parse("library", SPACE))
-    tally = run(results, Settings(), Console(quiet=True))
+    tally = run(results, LOCAL, Console(quiet=True))
     # Q-learning on SMALL is a cell of both stages, and trained in the first.
     assert (tally.ran, tally.failed) == (3 * 2 + 2 * (2 * 4 + 1), 0)
     plan = results.plan()
@@ -52,10 +52,10 @@ def test_every_task_of_the_library_is_trained_once_for_the_agent_that_chooses(ra
     )
     assert all(len(cell.sources) == 1 for cell in plan["transfer"] if cell.agent == "delta_gate")
     assert replay(tmp_path, chosen[0].id).agrees
-    again = run(results, Settings(), Console(quiet=True))
+    again = run(results, LOCAL, Console(quiet=True))
     assert again.ran == 0
     other = Results.create(tmp_path, "other", parse("library", SPACE))
-    third = run(other, Settings(), Console(quiet=True))
+    third = run(other, LOCAL, Console(quiet=True))
     assert (third.ran, third.failed) == (tally.ran - 3 * 2, 0)  # no source is trained again
     assert other.record(own[SMALL, 1]) == results.record(own[SMALL, 1])
 

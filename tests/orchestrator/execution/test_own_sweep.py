@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 import yaml
+from conftest import LOCAL
 from rich.console import Console
 
 from orchestrator.analysis.groups import groups
@@ -54,7 +55,7 @@ def space(home: Path, source: dict[str, Any], targets: list[str], agents: dict[s
 
 def sweep(home: Path, asked: SearchSpace) -> tuple[Results, RunSummary]:
     results = Results.create(home / "results", "own", asked)
-    return results, run(results, Settings(), Console(quiet=True))
+    return results, run(results, LOCAL, Console(quiet=True))
 
 
 def test_every_example_is_complete_and_short() -> None:
@@ -64,7 +65,7 @@ def test_every_example_is_complete_and_short() -> None:
     }
 
 
-def test_an_own_task_is_swept_resumed_forecast_and_replayed(home: Path, ray_session: None) -> None:
+def test_an_own_task_is_swept_resumed_forecast_and_replayed(home: Path) -> None:
     source = {"task": "tank.py:Task", "agent": "dqn"}
     asked = space(home, source, ["tank.py:Task:leak=1.5x"], {"dqn": {}, "es": {}}, hyperparameters=SHORT)
     ahead = forecast(asked, Settings(), Results(home / "results" / "own"), workers=2)
@@ -85,9 +86,7 @@ def test_an_own_task_is_swept_resumed_forecast_and_replayed(home: Path, ray_sess
     assert [(stage.cells, stage.done) for stage in edited.stages] == [(1, 0), (2, 0)]
 
 
-def test_results_of_own_code_are_read_the_same_where_it_is_not(
-    home: Path, ray_session: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_results_of_own_code_are_read_the_same_where_it_is_not(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = space(
         home,
         {"task": "windy_gridworld", "kinds": ["exact"]},
@@ -117,7 +116,7 @@ def test_results_of_own_code_are_read_the_same_where_it_is_not(
     assert replay(home / "results", cell.id).agrees
 
 
-def test_own_code_that_is_wrong_fails_its_cells_and_no_others(home: Path, ray_session: None) -> None:
+def test_own_code_that_is_wrong_fails_its_cells_and_no_others(home: Path) -> None:
     names = ["Reset", "Shape", "Nan", "Multi", "Words"]
     targets = ["bad_tasks.py:Good:wind=0.1", *(f"bad_tasks.py:{name}" for name in names)]
     asked = space(home, {"task": "bad_tasks.py:Good", "agent": "dqn"}, targets, {"dqn": {}}, hyperparameters=SHORT)
@@ -155,7 +154,7 @@ def test_a_starter_file_is_a_space_for_every_kind_of_task(
 
 
 @pytest.mark.parametrize("typed", ["tank.py:Task", "windy_gridworld"])
-def test_a_starter_file_runs_as_it_is(home: Path, ray_session: None, typed: str) -> None:
+def test_a_starter_file_runs_as_it_is(home: Path, typed: str) -> None:
     Path("mine.yaml").write_text(starter(typed, load_name(typed) if ".py" in typed else typed, "mine.yaml"))
     known = {"hidden_size": 8, "evaluation_episodes": 2} if ".py" in typed else {}
     asked = narrow(load("mine.yaml"), seeds=1, hyperparameters={"episodes": 4, "evaluate_every": 2, **known})

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from conftest import LOCAL
 from mlflow.tracking import MlflowClient
 from rich.console import Console
 
 from deltatune.cli import sweep_report
 from orchestrator.analysis.findings import find
-from orchestrator.execution.settings import Settings
 from orchestrator.execution.sweep import run
 from orchestrator.model_registry import mlflow_registry, pretrained
 from orchestrator.model_registry.pyfunc_policy import q_values
@@ -78,9 +79,9 @@ def registered(results: Results) -> Results:
 
 
 @pytest.fixture(scope="module")
-def poles(ray_session: None, tmp_path_factory: pytest.TempPathFactory) -> Results:
+def poles(tmp_path_factory: pytest.TempPathFactory) -> Results:
     results = Results.create(tmp_path_factory.mktemp("poles"), "poles", parse("poles", SPACE))
-    tally = run(results, Settings(), Console(quiet=True))
+    tally = run(results, LOCAL, Console(quiet=True))
     assert (tally.ran, tally.failed) == (4, 0)
     return registered(results)
 
@@ -286,7 +287,7 @@ def swept(folder: Path, space: SearchSpace, uri: str, *names: str) -> Results:
     found = pretrained.read(names, space, uri)
     results = Results.create(folder, space.name, space)
     pretrained.keep(found, results)
-    tally = run(results, Settings(pretrained=pretrained.runs(found, space.seeds)), Console(quiet=True))
+    tally = run(results, replace(LOCAL, pretrained=pretrained.runs(found, space.seeds)), Console(quiet=True))
     assert tally.failed == 0
     return results
 
