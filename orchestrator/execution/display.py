@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,8 +16,7 @@ from rich.progress import BarColumn, ProgressColumn, TextColumn, TimeElapsedColu
 from rich.progress import Progress as Bars
 from rich.table import Column
 
-from orchestrator.results import progress
-from orchestrator.results.driver_log import Journal
+from orchestrator.results import driver_log, progress
 from orchestrator.results.progress import Progress, Snapshot
 from orchestrator.results.record import Record
 from trainables.storage.paths import is_local
@@ -23,6 +24,12 @@ from trainables.training import worker
 
 LOG_EVERY = 15.0
 """Seconds between lines where there is no terminal, and in the sweep's log."""
+
+
+MAX_NOTES = 5
+"""Warnings of one logger that a stage shows; the rest is in the driver log alone."""
+
+log = logging.getLogger("deltatune.sweep")
 
 
 def bars(console: Console) -> Bars:
@@ -58,23 +65,40 @@ def fields(snapshot: Snapshot) -> dict[str, Any]:
     }
 
 
+class _Notes(logging.Handler):
+    """Shows warnings on the console as they come."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(logging.WARNING)
+        self._console = console
+        self._shown: Counter[str] = Counter()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._shown[record.name] += 1
+        if self._shown[record.name] <= MAX_NOTES:
+            self._console.print(record.getMessage(), soft_wrap=True, style="yellow", markup=False)
+        elif self._shown[record.name] == MAX_NOTES + 1:
+            self._console.print(f"more of these: see {driver_log.FILE}", soft_wrap=True, style="yellow")
+
+
 class Display:
     """Shows one stage: done, running, failed, left; time to go; the best cell so far. Also into the sweep's log."""
 
     def __init__(self, console: Console, stage: str, total: int, folder: Path) -> None:
         self._console, self._folder = console, folder
         self._progress = Progress(stage, total)
-        self._journal = Journal(folder)
         self._logged = self._written = self._shown = time.monotonic()
         self._write_every = 2.0 if is_local(folder) else LOG_EVERY
         self._bars = bars(console)
+        self._notes = _Notes(console)
         empty = fields(self._progress.snapshot()) | {"counts": "starting workers"}
         self._bar = self._bars.add_task(**empty)
 
     def __enter__(self) -> Display:
         if self._console.is_terminal:
             self._bars.start()
-        self._journal.write(f"{self._progress.stage}: {self._progress.total} cells to run")
+        logging.getLogger(driver_log.LOGGER).addHandler(self._notes)
+        log.info("%s: %d cells to run", self._progress.stage, self._progress.total)
         return self
 
     def __exit__(
@@ -86,8 +110,8 @@ class Display:
             self._bars.stop()
         else:
             self._console.print(snapshot.line(), soft_wrap=True)
-        self._journal.write(snapshot.line())
-        self._journal.close()
+        log.info("%s", snapshot.line())
+        logging.getLogger(driver_log.LOGGER).removeHandler(self._notes)
         progress.write(self._folder, snapshot)
 
     def ended(self, record: Record) -> None:
@@ -95,7 +119,7 @@ class Display:
         self._progress.ended(record)
         if record.status == "failed":
             cell = record.cell
-            self._journal.write(f"failed: {cell.id} {cell.agent} on {cell.task}, seed {cell.seed}: {record.error}")
+            log.info("failed: %s %s on %s, seed %d: %s", cell.id, cell.agent, cell.task, cell.seed, record.error)
         self._show()
 
     def progress(self, report: worker.Progress) -> None:
@@ -112,16 +136,11 @@ class Display:
         self._progress.running(packs)
         self._show()
 
-    def note(self, text: str) -> None:
-        """Say something that happened."""
-        self._journal.write(text)
-        self._console.print(text, soft_wrap=True, style="yellow")
-
     def abandon(self, address: str) -> None:
         """End this process: the cluster's head is gone, and Ray hangs without it. All ended cells are on disk."""
         text = f"the head of the Ray cluster at {address} is gone; ended cells are kept, the same command goes on"
-        self._journal.write(text)
-        self._journal.close()
+        log.error("%s", text)
+        driver_log.flush()
         self._bars.stop()
         print(f"error: {text}", file=sys.stderr, flush=True)
         os._exit(1)
@@ -138,6 +157,6 @@ class Display:
             progress.write(self._folder, snapshot)
         if now - self._logged > LOG_EVERY:
             self._logged = now
-            self._journal.write(snapshot.line())
+            log.info("%s", snapshot.line())
             if not self._console.is_terminal:
                 self._console.print(snapshot.line(), soft_wrap=True)

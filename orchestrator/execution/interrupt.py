@@ -65,6 +65,9 @@ class Interrupt:
 
     def _ask(self, number: int) -> None:
         """Tell the workers, and give them some time; a stage that has ended by then is left alone."""
+        log.warning(
+            "asked to stop: running cells have %.0f s to be checkpointed; a second time ends now", GRACE_SECONDS
+        )
         if self._file is not None:
             try:
                 self._file.write_bytes(b"")

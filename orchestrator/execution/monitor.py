@@ -16,6 +16,8 @@ from trainables import curve
 from trainables.training.cell_run import Outcome, lost, stopped
 from trainables.training.worker import Ended, Logged, Progress, Reached, Report, Started
 
+log = logging.getLogger("deltatune.workers")
+
 
 @dataclass
 class OutcomeSink:
@@ -50,6 +52,7 @@ class StageMonitor:
         self.display = display
         self._sink, self._stopping = sink, stopping
         self._points: dict[str, Mapping[str, Any]] = {}
+        self._workers: set[tuple[int, str]] = set()
 
     def next(self, trial: str) -> Pack | None:
         """Return the pack of a new trial; None where there is none now, or no more (see `WorkQueue.over`)."""
@@ -67,6 +70,9 @@ class StageMonitor:
         """Take in a report."""
         match report:
             case Started():
+                if (report.pid, report.node) not in self._workers:
+                    self._workers.add((report.pid, report.node))
+                    log.info("a worker has started: process %d on %s", report.pid, report.node)
                 self.queue.on_started(trial, report.pid, report.node)
             case Progress():
                 self.display.progress(report)
@@ -97,7 +103,7 @@ class StageMonitor:
         if running is None:
             return
         if not running.killed:
-            self.display.note(f"a worker was lost: {why}")
+            log.warning("a worker was lost: %s", why)
         for cell in running.pack.cells:
             self.display.over(cell.id)
             self._points.pop(cell.id, None)

@@ -36,22 +36,30 @@ class ProcessPoolExecutor:
     """Runs as many packs at a time as there are workers, each in a process of its own."""
 
     def __init__(self, settings: Settings) -> None:
+        self._processes: list[_Process] = []
         self._workers = settings.workers or own_cpus()
         self._checkpoints: Path | None = None
 
     def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
-        """Nothing to connect to: the processes start with the stage."""
+        """Nothing to connect to: the processes start when there is a pack for them, and stay until the end."""
+        stack.callback(self._close)
         self._checkpoints = make_folder(checkpoints)
         return Workplace(self._workers, self._workers, self._checkpoints)
 
     def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
         """Run what the queue hands out."""
-        stage = _Stage(monitor, payload, self._workers)
+        stage = _Stage(monitor, payload, self._processes, self._workers)
         try:
             with Interrupt(stage.end_now, self._checkpoints) as interrupt:
                 stage.run(interrupt)
-        finally:
-            stage.close()
+        except BaseException:
+            self._close()
+            raise
+
+    def _close(self) -> None:
+        """End all processes, whatever they are at."""
+        while self._processes:
+            self._processes.pop().end()
 
 
 @dataclass
@@ -62,8 +70,10 @@ class _Process:
     connection: Connection
     trial: str | None = None
     """None: it is idle."""
+    payload: WorkerPayload | None = None
+    """That of the stage that it was at last."""
     sent: set[str] = field(default_factory=set)
-    """The sources that it has."""
+    """The sources of that stage that it has."""
     last_words: str = ""
     """Why it ends, where it has said so."""
 
@@ -74,9 +84,9 @@ class _Process:
 
 
 class _Stage:
-    def __init__(self, monitor: StageMonitor, payload: WorkerPayload, workers: int) -> None:
-        self._monitor, self._payload, self._workers = monitor, payload, workers
-        self._processes: list[_Process] = []
+    def __init__(self, monitor: StageMonitor, payload: WorkerPayload, processes: list[_Process], workers: int) -> None:
+        self._monitor, self._payload = monitor, payload
+        self._processes, self._workers = processes, workers
         self._numbers = itertools.count()
         self._ended_now = False
 
@@ -98,12 +108,6 @@ class _Stage:
     def end_now(self) -> None:
         """End the stage at the next look, whatever runs."""
         self._ended_now = True
-
-    def close(self) -> None:
-        """End all processes; those that are at work are checkpointed as of their last checkpoint."""
-        for process in self._processes:
-            process.end()
-        self._monitor.queue.running.clear()
 
     def _hand_out(self) -> bool:
         """Give an idle worker, or a new one, its next pack; False where there is none of either."""
@@ -132,10 +136,12 @@ class _Stage:
         there.close()
         process = _Process(started, Connection(here.detach()))
         self._processes.append(process)
-        self._write(process, replace(self._payload, sources={}))
         return process
 
     def _send(self, process: _Process, pack: Pack) -> None:
+        if process.payload is not self._payload:
+            process.payload, process.sent = self._payload, set()
+            self._write(process, replace(self._payload, sources={}))
         keys = {cell.source_key for cell in pack.cells if cell.sources} - process.sent
         process.sent |= keys
         sources = {key: self._payload.sources[key] for key in keys}

@@ -19,6 +19,7 @@ from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.work_queue import CellStatus, Pack, WorkQueue
 from orchestrator.planning.arms import Arm
 from orchestrator.planning.search import Tuned
+from orchestrator.results.driver_log import logging_to
 from orchestrator.results.sweep_folder import Results
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
@@ -57,6 +58,7 @@ class Stages:
         self._results, self._space, self._settings = results, results.space(), settings
         self._ledger, self._summary, self._console = ledger, summary, console
         self._on_record, self._stack = on_record, stack
+        stack.enter_context(logging_to(results.folder))
         self._opened: tuple[Executor, Workplace] | None = None
 
     def run(self, work: Work) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from trainables.storage.paths import is_local
@@ -14,6 +17,50 @@ KEPT_LINES = 5000
 
 PUT_EVERY = 10.0
 """Seconds between two writings of a log that is written whole."""
+
+
+LOGGER = "deltatune"
+"""The logger of the whole product; each package has one below it."""
+
+
+@contextmanager
+def logging_to(folder: Path) -> Iterator[None]:
+    """Write what deltatune's loggers say to the driver log of a sweep, while the block runs. Blocks may nest."""
+    logger = logging.getLogger(LOGGER)
+    if any(isinstance(handler, _DriverLog) and handler.folder == folder for handler in logger.handlers):
+        yield
+        return
+    handler, level = _DriverLog(folder), logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        handler.flush()
+
+
+def flush() -> None:
+    """Write out what the driver logs still hold back."""
+    for handler in logging.getLogger(LOGGER).handlers:
+        handler.flush()
+
+
+class _DriverLog(logging.Handler):
+    def __init__(self, folder: Path) -> None:
+        super().__init__(logging.INFO)
+        self.folder = folder
+        self._journal = Journal(folder)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage()
+        if record.exc_info:
+            text += f"\n{logging.Formatter().formatException(record.exc_info)}"
+        self._journal.write(text)
+
+    def flush(self) -> None:
+        self._journal.close()
 
 
 class Journal:

@@ -50,7 +50,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver's Ctrl-C, which it passes on by the stop file
     connection = Connection(int(sys.argv[1]))
     try:
-        _serve(connection, connection.recv())
+        _serve(connection)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return  # the driver has ended, or is gone
     except Exception as error:
@@ -58,11 +58,11 @@ def main() -> None:
             connection.send(Crashed(loader.in_words(error)))
 
 
-def _serve(connection: Connection, payload: WorkerPayload) -> None:
+def _serve(connection: Connection) -> None:
+    """Run one pack after the other, each with the payload of its stage, which comes before the stage's first pack."""
     one_thread()
-    loader.install(payload.plugins)
-    driver, sources = os.getppid(), dict(payload.sources)
-    stop_file = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)
+    driver = os.getppid()
+    payload, sources = None, {}
 
     def tell(report: Report) -> None:
         connection.send(report)
@@ -73,13 +73,19 @@ def _serve(connection: Connection, payload: WorkerPayload) -> None:
         return stop_file() or os.getppid() != driver
 
     while True:
-        task: Task = connection.recv()
-        sources.update(task.sources)
+        message: WorkerPayload | Task = connection.recv()
+        if isinstance(message, WorkerPayload):
+            payload, sources = message, dict(message.sources)
+            loader.install(payload.plugins)
+            continue
+        assert payload is not None
+        sources.update(message.sources)
+        stop_file = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)
         connection.send(Started(os.getpid(), "local"))
         try:
             with forwarded_log(tell) as told:
-                cells = [Cell.from_json(data) for data in task.cells]
-                run_pack(cells, task.together, replace(payload, sources=sources), told, stop)
+                cells = [Cell.from_json(data) for data in message.cells]
+                run_pack(cells, message.together, replace(payload, sources=sources), told, stop)
         except PackStoppedError:
             pass
         connection.send(Completed())

@@ -197,6 +197,8 @@ def test_reading_commands(terminal: Terminal, finished: Path, tmp_path: Path) ->
         (["sweep", "demo", "--address", "127.0.0.1:1"], "no Ray cluster answers at '127.0.0.1:1': Connection refused"),
         (["sweep", "demo", "--address", "[::1]:1"], "no Ray cluster answers at '[::1]:1': "),
         (["ui", "--host", ""], "--host must be an address such as 127.0.0.1, or 0.0.0.0 for all (got '')"),
+        (["sweep", "demo", "--local", "--address", "auto"], "--local runs without Ray: it cannot join a cluster (got"),
+        (["sweep", "demo", "--local", "--gpus-per-cell", "1"], "--local reserves nothing: --cpus-per-cell"),
         (["sweep", "/nowhere.yaml"], "cannot read /nowhere.yaml: No such file or directory"),
         (["export", "nothing"], "unknown sweep in results 'nothing'"),
         (["report", "nothing"], "unknown sweep in results 'nothing'"),
