@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import logging
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -14,6 +15,8 @@ from trainables.agents.registry import agent_named
 from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
+
+log = logging.getLogger("deltatune.search_spaces")
 
 
 def _seeds(value: object) -> object:
@@ -165,9 +168,10 @@ def _check_shapes(source: Task, target: Task) -> None:
         return
     try:
         spaces = [_spaces(source.name), _spaces(target.name)]
-    except Exception:  # custom code that cannot be built, or is not here: its cells say why, the others run
+    except Exception as error:  # custom code that cannot be built, or is not here: its cells say why, the others run
         if {source.family.origin, target.family.origin} == {"built-in"}:
             raise
+        log.info("the shapes of %s and %s cannot be compared: %s", source.name, target.name, error)
         return
     if spaces[0] != spaces[1]:
         raise ValueError(f"targets: {target.name} has {spaces[1]}, the source {source.name} {spaces[0]}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import threading
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,11 +18,14 @@ from orchestrator.execution.interrupt import stop_now
 from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run_held
 from orchestrator.model_registry import pretrained
+from orchestrator.results.driver_log import logging_to
 from orchestrator.results.lock import Hold, locked
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.tracker import Tracker
 from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError
+
+log = logging.getLogger("deltatune.session")
 
 
 class SweepSession:
@@ -53,7 +57,7 @@ class SweepSession:
         """
         console = console or Console(quiet=True)
         results = Results.prepare(storage, name)
-        with _signals(), locked(results.folder, on_lost=stop_now) as hold:
+        with _signals(), locked(results.folder, on_lost=stop_now) as hold, logging_to(results.folder):
             results.log.guard(hold)
             results.begin(space)
             pretrained.keep(sources, results)
@@ -94,6 +98,7 @@ class SweepSession:
         try:
             return register(self.results, self.tracker.uri, parent)
         except Exception as error:
+            log.warning("the sources are not in MLflow's registry: %s: %s", type(error).__name__, error)
             self.tracker.error = error
             return []
 
@@ -104,6 +109,7 @@ class SweepSession:
         self._end("KILLED" if stopped else "FAILED")
         if known or isinstance(error, InputError) or not isinstance(error, Exception | KeyboardInterrupt):
             return
+        log.error("the sweep has failed", exc_info=error)
         with suppress(Exception):
             there = len(self.results.heads())
             self._console.print(

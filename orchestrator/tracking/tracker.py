@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import queue
 import threading
 import time
@@ -25,6 +26,8 @@ FIRST_PAUSE, LONGEST_PAUSE = 2.0, 60.0
 
 PATIENCE = 30.0
 """Seconds that a sweep waits at its end for a `deltatune sync` that is at work."""
+
+log = logging.getLogger("deltatune.tracking")
 
 
 class Tracker:
@@ -58,6 +61,7 @@ class Tracker:
             self._mirror = self._mirror or self._connected(PATIENCE)
             parent = sync(findings, self.uri, artifacts, self._mirror)
         except Exception as error:
+            _log("MLflow has not got everything", error)
             self.error = error
             self.stop("FAILED")
             return None
@@ -72,6 +76,7 @@ class Tracker:
             if self._mirror is not None and status is not None:
                 self._mirror.end(status)
         except Exception as error:
+            _log("MLflow does not know how the sweep ended", error)
             self.error = self.error or error
         self._held.close()
 
@@ -109,6 +114,7 @@ class Tracker:
                 self._write(*item)
                 item, pause = None, FIRST_PAUSE
             except Exception as error:
+                _log("MLflow is tried again later", error)
                 self.error, self._mirror = error, None
                 self._closing.wait(pause)
                 pause = min(2 * pause, LONGEST_PAUSE)
@@ -116,3 +122,7 @@ class Tracker:
     def _write(self, stage: str, record: Record) -> None:
         self._mirror = self._mirror or self._connected()
         self._mirror.write_cell(stage, record.head, lambda: record)
+
+
+def _log(what: str, error: Exception) -> None:
+    log.info("%s: %s: %s", what, type(error).__name__, " ".join(str(error).split())[:500])
