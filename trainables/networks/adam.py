@@ -65,8 +65,8 @@ def _vectors(
 
 @compiled
 def _one(
-    p: F32, m: F32, v: F32, i: int, g: np.float32, keep1: np.float32, decay2: np.float32, keep2: np.float32, root: np.float32, size: np.float32,
-    epsilon: np.float32,
+    p: F32, m: F32, v: F32, i: int, g: np.float32, keep1: np.float32, decay2: np.float32, keep2: np.float32,
+    root: np.float32, size: np.float32, epsilon: np.float32,
 ) -> None:  # fmt: skip
     """Adam's step of one parameter; all numbers have 32 bits."""
     m[i] += keep1 * (g - m[i])
