@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
-from orchestrator.results.lock import locked
-from orchestrator.results.sweep_folder import NAME, Results
+from orchestrator.results import checked_json
+from orchestrator.results.lock import DRIVER, locked
+from orchestrator.results.sweep_folder import NAME, SWEEP, Results
 from trainables.errors import InputError
-from trainables.storage.atomic import write_atomic
 from trainables.storage.paths import is_local
 
 
 def remove(results: Results) -> None:
     """Delete a sweep's folder; InputError where a driver is at it."""
     with locked(results.folder):
-        (results.folder / "sweep.json").unlink()  # first: what is left of a removal that was cut off is no sweep
+        (results.folder / SWEEP).unlink()  # first: what is left of a removal that was cut off is no sweep
     if is_local(results.folder):
         shutil.rmtree(results.folder)
         return
@@ -36,6 +35,6 @@ def rename(results: Results, name: str) -> Results:
         raise InputError(f"a sweep in {results.storage} cannot be renamed: an object store has no folders to rename")
     with locked(results.folder):
         results.folder.rename(folder)
-        path = folder / "sweep.json"
-        write_atomic(path, json.dumps(json.loads(path.read_bytes()) | {"name": name}, indent=1).encode())
+        checked_json.write(folder / SWEEP, checked_json.read(folder / SWEEP) | {"name": name}, indent=1)
+    (folder / DRIVER).unlink(missing_ok=True)  # it has moved with the folder
     return Results(folder)
