@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,16 @@ def best_action(q: F32, q_src: F32, delta: F32, kappa: float) -> int:
 _NO_DELTA = np.zeros(0, np.float32)
 
 
+class Follows(NamedTuple):
+    """What advice is read from."""
+
+    source: Network | None = None
+    """Q_src; None: there is no advice to be had now, the action is argmax Q."""
+    delta: Network | None = None
+    fixed_delta: F32 = _NO_DELTA
+    """What stands for delta(s, .) where there is no delta network."""
+
+
 class Advice:
     """No advice: the agent acts on Q and learns from the rewards as they are. The base of every strategy."""
 
@@ -47,6 +57,8 @@ class Advice:
     """The weight of the advice in choosing actions; 0: there is none, or it has ended."""
     delta_rests = False
     """Whether the delta network is trained no more."""
+    decrement = 0.0
+    """C of eq. (6): what kappa loses in a step."""
 
     def __init__(
         self, settings: DQN, source: Network | None = None, delta: Network | None = None, source_steps: int = 0
@@ -60,6 +72,10 @@ class Advice:
 
     def end(self, observations: F32) -> None:
         """Take note that the advice has ended, in a run that remembers states like these (n, inputs)."""
+
+    def follows(self) -> Follows:
+        """Return what `best` reads now."""
+        return Follows()
 
     def best(self, q: F32, observation: F32) -> int:
         """Return the action to take where the agent's own values are q (actions,)."""
@@ -97,10 +113,17 @@ class SourceAdvantage(Advice):
         super().__init__(settings, source, delta, source_steps)
         self.kappa = 1.0
 
+    def follows(self) -> Follows:
+        """Return the source and the delta network."""
+        return Follows(self.source, self.delta)
+
     def best(self, q: F32, observation: F32) -> int:
         """Return the action of eq. (5); of eq. (3) without delta."""
-        delta = _NO_DELTA if self.delta is None else self.delta.row(observation)
-        return int(best_action(q, self.source.row(observation), delta, self.kappa))
+        source, network, fixed = self.follows()
+        if source is None:
+            return int(q.argmax())
+        delta = fixed if network is None else network.row(observation)
+        return int(best_action(q, source.row(observation), delta, self.kappa))
 
     def rows(self, observations: F32) -> F32:
         """Return the advice (n, actions) at observations (n, inputs): -kappa_t f(s) Phi(s,a) of eqs. (3) and (5)."""
@@ -142,12 +165,12 @@ class ExplicitShaping(SourceAdvantage):
         self, settings: DQN, source: Network | None = None, delta: Network | None = None, source_steps: int = 0
     ) -> None:
         super().__init__(settings, source, delta, source_steps)
-        self._decay = decay_constant(self.settings.advice_fraction, source_steps)
+        self.decrement = decay_constant(self.settings.advice_fraction, source_steps)
 
     def decay(self) -> bool:
         """kappa_t = max(0, kappa_{t-1} - C): eq. (6)."""
         before = self.kappa
-        self.kappa = max(0.0, before - self._decay)
+        self.kappa = max(0.0, before - self.decrement)
         return self.kappa == 0.0 < before
 
     def evaluated(self, values: F32, observations: F32) -> F32:

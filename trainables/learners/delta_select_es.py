@@ -14,7 +14,7 @@ from trainables.cell import Cell
 from trainables.delta.noise_floor import self_delta
 from trainables.delta.sample import delta_samples
 from trainables.knowledge import Knowledge, parts
-from trainables.learners.advice import ExplicitShaping, best_action
+from trainables.learners.advice import ExplicitShaping, Follows
 from trainables.learners.delta_select import NONE
 from trainables.learners.dqn import DeepLearner
 from trainables.learners.replay_buffer import Replay
@@ -82,11 +82,9 @@ class Selection(ExplicitShaping):
         episodes = max(1.0, min(self._episodes, self.settings.memory))
         return mean, np.maximum(mean - self.settings.z * sd / math.sqrt(episodes) - self._floor, 0.0)
 
-    def best(self, q: F32, observation: F32) -> int:
-        """The action that the chosen source's advice makes the best; argmax q without one."""
-        if self.chosen == NONE:
-            return int(q.argmax())
-        return int(best_action(q, self.source.row(observation), self._excess, self.kappa))
+    def follows(self) -> Follows:
+        """The chosen source and its excess; nothing without one."""
+        return Follows() if self.chosen == NONE else Follows(self.source, None, self._excess)
 
     def factor(self, observations: F32) -> F32:
         """exp(-e_k), (n,); 0 where no source is chosen."""

@@ -5,6 +5,7 @@ The numbers in the comments of `_step` and `_learn` are the lines of Algorithm 2
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -19,6 +20,7 @@ from trainables.curve import EvalPoint
 from trainables.errors import TrainingError
 from trainables.knowledge import Knowledge
 from trainables.learners.advice import Advice
+from trainables.learners.episode.loop import EpisodeLoop, Progress, episode_loop
 from trainables.learners.greedy_evaluation import greedy_returns
 from trainables.learners.replay_buffer import Replay
 from trainables.learners.targets import TargetCache
@@ -90,11 +92,33 @@ class DeepLearner:
         """Train for `episodes` more episodes. Raises TrainingError where a number is no longer finite."""
         for _ in range(episodes):
             observation = self._env.reset(_seed(self._rngs["training_env"]))
-            done = False
+            done = self._run_compiled(observation)
             while not done:
                 observation, done = self._step(observation)
             self._episode += 1
         self._since += episodes
+
+    def _run_compiled(self, observation: F32) -> bool:
+        """Run a whole episode as one compiled function, equal to `_step` bit for bit; whether there is one."""
+        if self._loop is None:
+            return False
+        before = Progress(self._steps, self._losses, self._updates, self._returns)
+        after, loss = self._loop.episode(observation, self._epsilon(), before, self._remembered_states)
+        self._steps, self._losses, self._updates, self._returns = after
+        if not math.isfinite(loss):
+            raise TrainingError(self._cause(loss))
+        return True
+
+    @functools.cached_property
+    def _loop(self) -> EpisodeLoop | None:
+        """The compiled episodes; None where `_step` takes the steps, or somebody's own method in its place."""
+        parts = "_step", "_action", "_epsilon", "_learn"
+        if any(getattr(type(self), name) is not getattr(DeepLearner, name) for name in parts):
+            return None
+        exploration, networks = self._rngs["exploration"], (self._q, self._target, self._delta)
+        return episode_loop(
+            self._settings, self._env, exploration, self._replay, self._targets, self._advice, *networks
+        )
 
     def _step(self, observation: F32) -> tuple[F32, bool]:
         action = self._action(observation)  # 4

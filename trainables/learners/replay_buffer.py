@@ -106,18 +106,19 @@ class Replay:
             np.zeros(capacity, np.bool_),
             np.zeros(capacity, np.bool_),
         )
-        self._batch_targets = np.zeros((2, batch_size), np.float32)
+        self.batch_targets = np.zeros((2, batch_size), np.float32)
         self.batch = Batch(
             np.zeros(batch_size, np.int64),
             np.zeros(inputs * batch_size, np.float32),
             np.zeros(batch_size, np.int64),
-            *self._batch_targets,
+            *self.batch_targets,
         )
         self.capacity = capacity
         self.size = self.head = 0
         self._rng = rng
-        self._drawn = np.zeros((0, batch_size), np.int64)
-        self._before_draw, self._next = rng.bit_generator.state, 0
+        self.drawn = np.zeros((0, batch_size), np.int64)
+        """(BLOCK, B): 32 random bits for each transition of the next minibatches."""
+        self._before_draw, self.next = rng.bit_generator.state, 0
 
     def add(
         self, observation: F32, action: int, reward: float, next_observation: F32, terminated: bool, cut: bool
@@ -136,9 +137,9 @@ class Replay:
 
     def sample(self, targets: Targets) -> Batch:
         """Draw a minibatch, its targets up to date."""
-        self._next += 1
-        if self._next >= len(self._drawn):
-            self._draw()
+        self.next += 1
+        if self.next >= len(self.drawn):
+            self.draw()
         if self._fill(targets):
             targets.refresh(self)
             self._fill(targets)
@@ -148,8 +149,8 @@ class Replay:
         """Fill the minibatch drawn last, by 32 random bits for each transition; whether a target in it is stale."""
         memory, batch = self.memory, self.batch
         return gather(
-            self._drawn[self._next], memory.observations, memory.actions, targets.targets,
-            batch.indices, batch.observations, batch.actions, self._batch_targets,
+            self.drawn[self.next], memory.observations, memory.actions, targets.targets,
+            batch.indices, batch.observations, batch.actions, self.batch_targets,
             self.size, self.head, targets.stale,
         )  # fmt: skip
 
@@ -167,16 +168,17 @@ class Replay:
         if count and self.head:
             yield slice(max(self.head - count, 0), self.head)
 
-    def _draw(self) -> None:
+    def draw(self) -> None:
+        """Draw the indices of the next BLOCK minibatches."""
         self._before_draw = self._rng.bit_generator.state
         shape = (BLOCK, len(self.batch.indices))
-        self._drawn = self._rng.integers(0, 2**32, size=shape, dtype=np.int64)
-        self._next = 0
+        self.drawn = self._rng.integers(0, 2**32, size=shape, dtype=np.int64)
+        self.next = 0
 
     def state(self) -> dict[str, Any]:
         """Return everything, for a checkpoint; of the arrays what has been filled."""
         arrays = {name: column[: self.size].copy() for name, column in self.memory._asdict().items()}
-        numbers = {"size": self.size, "head": self.head, "drawn": len(self._drawn), "next": self._next}
+        numbers = {"size": self.size, "head": self.head, "drawn": len(self.drawn), "next": self.next}
         return arrays | numbers | {"rng": self._before_draw}
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -187,5 +189,5 @@ class Replay:
         self._rng.bit_generator.state = state["rng"]
         self._before_draw = state["rng"]
         if state["drawn"]:
-            self._draw()
-        self._next = int(state["next"])
+            self.draw()
+        self.next = int(state["next"])

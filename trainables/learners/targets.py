@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,17 @@ from trainables.delta.sample import delta_sample, v_and_q
 from trainables.learners.advice import Advice
 from trainables.learners.replay_buffer import Replay
 from trainables.networks.network import Network
+from trainables.numerics.jit import compiled
 from trainables.tasks.rollout import Transitions
 
 F32 = NDArray[np.float32]
 
 
-def td_target(reward: F32, gamma: np.float32, v_next: F32) -> F32:
+Reward = TypeVar("Reward", np.float32, F32)
+
+
+@compiled
+def td_target(reward: Reward, gamma: np.float32, v_next: Reward) -> Reward:
     """Return r + gamma max_b Q_target(s',b), the target of Q(s,a) in line 10: eq. (1) for a network."""
     return reward + gamma * v_next
 

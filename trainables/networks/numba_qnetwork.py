@@ -48,6 +48,7 @@ class QNetwork:
         else:
             self._work = workspace(self.sizes, max(batch_size, 64))
         self._trained = self.sizes, self.parameters, self.first, self.second, self._work
+        self._read = self.sizes, self.parameters, self._work
         self._row = aligned(int(self.sizes[1:].sum()))
         if generator is not None:
             self._initialise(generator)
@@ -73,8 +74,18 @@ class QNetwork:
     def rows(self, observations: F32) -> F32:
         """Q(s, .) of many observations (n, obs_dim), as (n, actions)."""
         out = np.empty((len(observations), int(self.sizes[-1])), np.float32)
-        mlp.outputs(self.sizes, self.parameters, self._work, np.ascontiguousarray(observations), out)
+        mlp.outputs(*self._read, np.ascontiguousarray(observations), out)
         return out
+
+    @property
+    def trained(self) -> tuple[tuple[Any, ...], tuple[float, float, bool]]:
+        """What `mlp.update` takes before and after a minibatch and its number."""
+        return self._trained, self._settings
+
+    @property
+    def read(self) -> tuple[tuple[Any, ...], F32]:
+        """What `mlp.outputs` takes first, and the room of `mlp.single`."""
+        return self._read, self._row
 
     def vector(self) -> F32:
         """A copy of the parameters, flat."""

@@ -1,0 +1,1 @@
+"""Whole episodes of the deep agents, compiled."""
