@@ -350,7 +350,7 @@ def test_divergence_fails_the_cell_with_step_and_cause(source: Knowledge) -> Non
 def test_an_environments_nan_fails_the_cell_with_the_cause(source: Knowledge, monkeypatch: pytest.MonkeyPatch) -> None:
     agent = learner("dqn", source)
     observation = np.array([np.nan, 0, 0, 0], np.float32)
-    monkeypatch.setattr(agent._env, "simulator", None)
+    monkeypatch.setattr(agent, "_loop", None)
     monkeypatch.setattr(agent._env, "step", lambda action: (observation, 1.0, False, False))
     with pytest.raises(TrainingError, match=r"environment returned .*observations that are not finite"):
         agent.run(1)
