@@ -31,7 +31,12 @@ def settings_text(values: Mapping[str, Any]) -> str:
 
 def cell_name(cell: Cell) -> str:
     """A cell's name for people; MLflow refuses brackets and equal signs in names."""
-    parts = [_short(cell.agent), _short(cell.task), cell.sources[0].kind if cell.sources else "", f"seed {cell.seed}"]
+    parts = [
+        run_name(cell.agent),
+        run_name(cell.task),
+        cell.sources[0].kind if cell.sources else "",
+        f"seed {cell.seed}",
+    ]
     return " / ".join(part for part in parts if part)
 
 
@@ -39,15 +44,16 @@ def group_name(group: Group) -> str:
     """A group's name for people."""
     text = settings_text(varied(group.agent, group.task, group.hyperparameters)).replace("=", " ")
     parts = [
-        _short(group.agent),
-        _short(group.task),
-        _short(group.source_label) if group.source_label != "none" else "",
+        run_name(group.agent),
+        run_name(group.task),
+        run_name(group.source_label) if group.source_label != "none" else "",
         text,
     ]
     return " / ".join(part for part in parts if part and part != "-")
 
 
-def _short(task: str) -> str:
+def run_name(task: str) -> str:
+    """Return the name of a task or agent without the characters that MLflow refuses."""
     return short(task).replace("=", " ").replace("[", "(").replace("]", ")").replace(":", " ")
 
 

@@ -8,15 +8,18 @@ from collections.abc import Sequence
 import yaml
 
 from orchestrator.analysis.groups import Group
+from orchestrator.analysis.metrics import METRICS
 from orchestrator.analysis.summary_table import COLUMNS, row
 from orchestrator.results.pretrained_names import options
 from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking.mlflow_views import LEADERBOARD
+from trainables.plugins.names import short
 
 
-def markdown(results: Results, groups: Sequence[Group]) -> str:
+def markdown(results: Results, groups: Sequence[Group], best: Sequence[Group]) -> str:
     """The description of a sweep's parent run: what was asked, the table, how to get it again."""
     space = results.space()
-    lines = [f"# {results.name}", "", space.description or space.name, ""]
+    lines = [*_headline(best), space.description or space.name, "", "Every configuration:", ""]
     lines += [f"|{'|'.join(COLUMNS)}|", "|" + "---|" * len(COLUMNS)]
     lines += _rows(groups)
     lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
@@ -25,11 +28,29 @@ def markdown(results: Results, groups: Sequence[Group]) -> str:
         "below as SPACE.yaml.",
         "",
     ]
-    lines += ["Leaderboard: *Views* above the runs table, or its filter `tags.kind = 'aggregate'` sorted by `auc`.", ""]
+    lines += [
+        f"Leaderboard: *Views* above the runs table, or its filter `{LEADERBOARD.condition}` sorted by `place`.",
+        "",
+    ]
     text = yaml.safe_dump(space.to_json(), sort_keys=False, width=110).rstrip()
     lines += ["```yaml", text, "```"] if len(text) < TABLE_CHARACTERS / 2 else ["The search space is in `sweep.json`."]
     return "\n".join(lines)
 
+
+def _headline(best: Sequence[Group]) -> list[str]:
+    """The best configuration on each target, first: MLflow folds a long description after a few lines."""
+    shown = [group for group in best if group.stage == "transfer" and group.auc]
+    if not shown:
+        return []
+    lines = ["|best on|agent|AUC|transfer ratio|verdict|", "|---|---|---|---|---|"]
+    for task in dict.fromkeys(group.task for group in shown):
+        group = max((one for one in shown if one.task == task), key=lambda one: one.auc.value if one.auc else 0.0)
+        texts = [metric.text(group.estimates.get(metric.key)) for metric in METRICS if metric.key in HEADLINE]
+        lines.append("|" + "|".join([short(task), short(group.agent), *texts, group.verdict or "no transfer"]) + "|")
+    return [*lines, ""]
+
+
+HEADLINE = ("auc", "transfer_ratio")
 
 TABLE_CHARACTERS = 4000
 """Length of the table in a description, of which MLflow keeps 8,000 characters."""

@@ -9,13 +9,16 @@ from mlflow.tracking import MlflowClient
 from orchestrator.tracking.mlflow_views import VIEWS
 from trainables.cell import content_id
 
+FAMILY = "deltatune/"
+"""What the names of our experiments begin with."""
+
 _TAGS = {"mlflow.experimentKind": "custom_model_development"}
 """Opens the experiment in the UI's view for training runs."""
 
 
 def find_experiment(client: MlflowClient, uri: str, family: str, artifacts: Path) -> str:
     """The id of a family's experiment, made where missing; that of a local store keeps its files under `artifacts`."""
-    name, views = f"deltatune/{family}", dict(view.tag() for view in VIEWS)
+    name, views = f"{FAMILY}{family}", dict(view.tag() for view in VIEWS)
     found = client.get_experiment_by_name(name)
     if found is None:
         location = None

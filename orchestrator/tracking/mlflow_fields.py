@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 from orchestrator.analysis.groups import Group
+from orchestrator.analysis.labels import run_name
 from orchestrator.analysis.metrics import METRICS
 from orchestrator.results.record import Head
 
@@ -50,6 +53,41 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     for metric in METRICS:
         found = metric.numbers(group.estimates.get(metric.key))
         metrics |= {name: value for name, value in found.items() if value is not None}
+    tags |= {TEXTS[name]: text for name, text in _texts(group).items()}
     if group.against_base is not None and group.against_base.transfer_ratio.undefined:
         tags["transfer_ratio"] = f"undefined: {group.against_base.transfer_ratio.undefined}"
     return metrics, tags
+
+
+TEXTS = {"auc": "AUC", "transfer_ratio": "transfer_ratio", "difference": "difference", "verdict": "verdict"}
+"""Metric, or the verdict, to the tag that has it as rounded text: the columns of the leaderboard."""
+
+
+def _texts(group: Group) -> dict[str, str]:
+    """Return the numbers that a person reads first, rounded, with their intervals."""
+    found = {metric.key: metric.text(group.estimates.get(metric.key)) for metric in METRICS if metric.key in TEXTS}
+    return found | {"verdict": group.verdict or ("baseline" if group.source == "none" else "-")}
+
+
+def places(groups: Sequence[Group]) -> dict[str, str]:
+    """Return group id to '02.01': its task in the order of the sweep, and its rank by AUC among those of the task.
+
+    Only of the transfer stage. AUCs of different tasks never stand in one ranking.
+    """
+    shown = [group for group in groups if group.stage == "transfer"]
+    found: dict[str, str] = {}
+    for number, task in enumerate(dict.fromkeys(group.task for group in shown), 1):
+        here = sorted((g for g in shown if g.task == task), key=lambda g: -g.auc.value if g.auc else math.inf)
+        found |= {group.id: f"{number:02d}.{rank:02d}" for rank, group in enumerate(here, 1)}
+    return found
+
+
+def sweep_metrics(groups: Sequence[Group], best: Sequence[Group]) -> dict[str, float]:
+    """Return the metrics of the sweep's own run: how often transfer helped, and the best AUC on each target."""
+    counts = Counter(group.verdict for group in best if group.verdict)
+    metrics: dict[str, float] = {f"transfer_{name}": counts[name] for name in ("helped", "hurt", "undecided")}
+    for group in groups:
+        if group.stage == "transfer" and group.complete and group.auc:
+            name = f"best_auc {run_name(group.task)}"[:250]
+            metrics[name] = max(metrics.get(name, -math.inf), group.auc.value)
+    return metrics

@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -34,13 +35,16 @@ from orchestrator.results.record import Head, Record
 from orchestrator.results.sweep_folder import Results, cell_row
 from orchestrator.tracking.description import markdown
 from orchestrator.tracking.mlflow_experiment import find_experiment
-from orchestrator.tracking.mlflow_fields import CELL_METRICS, cell_tags, group_figures, thinned
+from orchestrator.tracking.mlflow_fields import CELL_METRICS, cell_tags, group_figures, places, sweep_metrics, thinned
 from orchestrator.tracking.mlflow_store import connect
 from orchestrator.tracking.uri import shown
 from trainables.cell import content_id
 from trainables.storage.folders import local_copy
 
 logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database tables amid the display
+
+PARENT = "mlflow.parentRunId"
+"""The tag by which MLflow shows a run below another."""
 
 BATCH = 1000
 """Most metrics of one call."""
@@ -58,6 +62,8 @@ class _Known(NamedTuple):
     """What it is to hold. The sweep's own run has none."""
     whole: bool
     """False: it was cut off."""
+    parent: str | None = None
+    """The run that it is shown under."""
 
 
 class Mirror:
@@ -74,7 +80,10 @@ class Mirror:
         )
         self._known = {
             self._key(run.data.tags): _Known(
-                str(run.info.run_id), run.data.tags.get("digest"), run.info.status != "RUNNING"
+                str(run.info.run_id),
+                run.data.tags.get("digest"),
+                run.info.status != "RUNNING",
+                run.data.tags.get(PARENT),
             )
             for run in self._runs()
         }
@@ -132,7 +141,11 @@ class Mirror:
         curves = mean_curves(findings.points, cells)
         for group in every:
             self.write_group(group, curves.get(group.id, NO_CURVE))
-        self._client.set_tag(self.parent, "mlflow.note.content", markdown(self._results, every))
+        for name, place in places(every).items():
+            self._client.set_tag(self._known["aggregate", name].run_id, "place", place)
+        self._nest(cells)
+        self._client.set_tag(self.parent, "mlflow.note.content", markdown(self._results, every, findings.best))
+        self._log_sweep_metrics(sweep_metrics(every, findings.best))
         for path in artifacts:
             folder = Path(path.parent.relative_to(self._results.folder).as_posix())
             with local_copy(path) as file:
@@ -148,6 +161,23 @@ class Mirror:
         }
         self._client.log_batch(self.parent, tags=[RunTag(name, value) for name, value in tags.items()])
         self._client.set_terminated(self.parent)
+
+    def _nest(self, cells: pd.DataFrame) -> None:
+        """Show every cell below the first aggregate that it is of; until then it stands below the sweep."""
+        for cell_id, group in cells.groupby("cell_id")["group"].first().items() if len(cells) else ():
+            key = "cell", str(cell_id)
+            known, above = self._known.get(key), self._known.get(("aggregate", str(group)))
+            if known is not None and above is not None and known.parent != above.run_id:
+                self._client.set_tag(known.run_id, PARENT, above.run_id)
+                self._known[key] = known._replace(parent=above.run_id)
+
+    def _log_sweep_metrics(self, metrics: Mapping[str, float]) -> None:
+        """Log the sweep's own metrics; those that are there already are not logged again."""
+        there = self._client.get_run(self.parent).data.metrics
+        stamp = int(time.time() * 1000)
+        new = [Metric(name, value, stamp, 0) for name, value in metrics.items() if there.get(name) != value]
+        if new:
+            self._client.log_batch(self.parent, new)
 
     def end(self, status: str) -> None:
         """Say that the sweep has stopped for now: KILLED by a wish, FAILED by an error."""
@@ -174,10 +204,10 @@ class Mirror:
             known = None
         if known is None:
             own = {"kind": key[0], "sweep": self._results.name, "sweep_id": self._sweep_id}
-            own |= {"cell_id" if key[0] == "cell" else "group": key[1], "mlflow.parentRunId": self.parent}
+            own |= {"cell_id" if key[0] == "cell" else "group": key[1], PARENT: self.parent}
             begun = int((finished - seconds) * 1000)
             run = self._client.create_run(self._experiment, begun, {**tags, **own}, name)
-            known = self._known[key] = _Known(str(run.info.run_id), digest, whole=False)
+            known = self._known[key] = _Known(str(run.info.run_id), digest, whole=False, parent=self.parent)
         stamp = int(finished * 1000)
         points = [Metric(metric, value, stamp, 0) for metric, value in metrics.items() if math.isfinite(value)]
         points += [

@@ -1,4 +1,4 @@
-"""Three views that MLflow's runs page offers under "Views": filter, order and columns of a table, ready to open.
+"""Views that MLflow's runs page offers under "Views": filter, order and columns of a table, ready to open.
 
 The page keeps a saved view in a tag of the experiment, as compressed JSON; a UI that does not know it shows nothing.
 """
@@ -12,6 +12,14 @@ from dataclasses import dataclass
 
 PREFIX = "mlflow.sharedViewState."
 
+WIDTHS = {
+    "attributes.`Run Name`": 300,
+    **{f"tags.`{name}`": width for name, width in (("place", 70), ("AUC", 125), ("transfer_ratio", 140))},
+    **{f"tags.`{name}`": width for name, width in (("verdict", 95), ("source", 85), ("difference", 150))},
+    **{f"tags.`{name}`": width for name, width in (("task", 230), ("agent", 130))},
+}
+"""Pixels of columns."""
+
 
 @dataclass(frozen=True)
 class View:
@@ -23,7 +31,7 @@ class View:
     condition: str
     """MLflow's search expression."""
     order: str
-    """The metric that it is sorted by."""
+    """The column that it is sorted by: metrics.`NAME` or tags.`NAME`."""
     ascending: bool
     tags: tuple[str, ...]
     metrics: tuple[str, ...]
@@ -33,48 +41,57 @@ class View:
         columns = [f"tags.`{name}`" for name in self.tags] + [f"metrics.`{name}`" for name in self.metrics]
         state = {
             "searchFilter": self.condition,
-            "orderByKey": f"metrics.`{self.order}`",
+            "orderByKey": self.order,
             "orderByAsc": self.ascending,
             "startTime": "ALL",
             "lifecycleFilter": "Active",
             "selectedColumns": columns,
             "columnOrder": columns,
-            "columnWidths": {"tags.`task`": 230, "tags.`agent`": 130},
+            "columnWidths": WIDTHS,
         }
         packed = base64.b64encode(zlib.compress(json.dumps(state).encode())).decode()
         value = {"name": self.name, "createdAt": 0, "updatedAt": 0, "state": f"deflate;{packed}"}
         return PREFIX + self.key, json.dumps(value)
 
 
-_WHAT = ("task", "agent", "source", "sweep")
-_RATIO = ("transfer_ratio", "transfer_ratio_low", "transfer_ratio_high")
+LEADERBOARD = View(
+    "deltatune-leaderboard",
+    "Leaderboard",
+    "tags.kind = 'aggregate' and tags.stage = 'transfer'",
+    "tags.`place`",
+    True,
+    ("place", "AUC", "transfer_ratio", "verdict", "source", "difference"),
+    (),
+)
+"""Task by task, the best AUC first; the numbers as rounded text."""
 
 VIEWS = (
-    View(
-        "deltatune-leaderboard",
-        "Leaderboard",
-        "tags.kind = 'aggregate'",
-        "auc",
-        False,
-        _WHAT,
-        ("auc", "auc_sd", *_RATIO, "seeds"),
-    ),
+    LEADERBOARD,
     View(
         "deltatune-negative-transfer",
         "Negative transfer",
         "tags.kind = 'aggregate' and metrics.transfer_ratio_high < 0",
-        "transfer_ratio",
+        "metrics.`transfer_ratio`",
         True,
-        _WHAT,
-        (*_RATIO, "auc", "seeds"),
+        ("AUC", "transfer_ratio", "verdict", "source", "difference"),
+        (),
+    ),
+    View(
+        "deltatune-sources",
+        "Source stage",
+        "tags.kind = 'aggregate' and tags.stage = 'source'",
+        "metrics.`auc`",
+        False,
+        ("AUC", "task", "agent"),
+        ("seeds",),
     ),
     View(
         "deltatune-cells",
         "Cells of the transfer stage",
         "tags.kind = 'cell' and tags.stage = 'transfer'",
-        "auc",
+        "metrics.`auc`",
         False,
-        (*_WHAT, "seed", "status"),
+        ("task", "agent", "source", "seed", "status"),
         ("auc", "final_return", "max_abs_delta", "seconds"),
     ),
 )

@@ -9,6 +9,13 @@ import sys
 
 from rich.console import Console
 
+from orchestrator.tracking.mlflow_experiment import FAMILY
+from orchestrator.tracking.mlflow_store import connect
+from orchestrator.tracking.mlflow_views import LEADERBOARD
+
+TRAINING = "workflowType=machine_learning"
+"""Of an address: MLflow's pages for training runs."""
+
 
 def serve(uri: str, host: str, port: int, console: Console) -> int:
     """Serve the MLflow UI of the store `uri` until it is stopped; its exit code.
@@ -21,8 +28,11 @@ def serve(uri: str, host: str, port: int, console: Console) -> int:
         return 0
     environment = os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_BACKEND_STORE_URI": uri}
     command = [sys.executable, "-m", "mlflow", "server", "--workers", "1"]
-    page = f"http://{host}:{port}/#/experiments?workflowType=machine_learning"
-    console.print(f"MLflow UI: {page} (it takes a few seconds; Ctrl-C stops it)", soft_wrap=True)
+    pages = leaderboards(uri)
+    for name, path in pages.items():
+        console.print(f"{name}: http://{host}:{port}/{path}", soft_wrap=True)
+    page = "" if pages else f"http://{host}:{port}/#/experiments?{TRAINING} "
+    console.print(f"MLflow UI: {page}(it takes a few seconds; Ctrl-C stops it)", soft_wrap=True)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # or the server would live on without us
     with subprocess.Popen([*command, "--host", host, "--port", str(port)], env=environment) as server:
         try:
@@ -30,3 +40,19 @@ def serve(uri: str, host: str, port: int, console: Console) -> int:
         except KeyboardInterrupt:
             server.terminate()
             return 0
+
+
+def leaderboards(uri: str) -> dict[str, str]:
+    """Return the path of the leaderboard of each of our experiments by its name, the latest first.
+
+    The link says that the page is of training runs: MLflow opens an experiment on its page for generative AI otherwise,
+    whatever its runs are.
+    """
+    found = connect(uri).search_experiments(filter_string=f"name LIKE '{FAMILY}%'", order_by=["last_update_time DESC"])
+    key = LEADERBOARD.key
+    return {
+        f"Leaderboard of {experiment.name.removeprefix(FAMILY)}": (
+            f"#/experiments/{experiment.experiment_id}/runs?{TRAINING}&viewStateShareKey={key}"
+        )
+        for experiment in found
+    }

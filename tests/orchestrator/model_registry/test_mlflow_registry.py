@@ -307,7 +307,7 @@ def test_registered_sources_give_the_cells_and_bits_of_trained_ones(poles: Resul
     again = swept(tmp_path, poles.space(), uri, f"models:/{MODEL}/1", f"models:/{MODEL}/2")
     assert again.plan()["source"] == []
     assert digests(again) == digests(poles)
-    assert f"--name poles --source models:/{MODEL}/1 --source models:/{MODEL}/2`" in markdown(again, [])
+    assert f"--name poles --source models:/{MODEL}/1 --source models:/{MODEL}/2`" in markdown(again, [], [])
 
 
 def test_one_version_serves_every_seed_with_the_steps_of_its_own_source_run(poles: Results, uri: str) -> None:

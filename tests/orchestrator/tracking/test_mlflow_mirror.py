@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -18,6 +19,7 @@ from orchestrator.analysis.findings import find
 from orchestrator.errors import SweepError
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking import mlflow_fields, mlflow_mirror
+from orchestrator.tracking.mlflow_views import LEADERBOARD
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.uri import tracking_uri
 from trainables.errors import InputError
@@ -65,8 +67,44 @@ def test_a_cell_run_says_what_the_cell_was_and_ends_at_the_tables_figures(mirror
     assert wanted.items() <= run.data.tags.items()
     assert {"commit", "version.numpy", "version.ray"} <= set(run.data.tags)
     assert run.data.params["threshold"] == "10.0"
+    above = runs(mirrored, f"tags.group = '{row['group']}'")[0]
     parent = runs(mirrored, "tags.kind = 'sweep'")[0]
-    assert run.data.tags["mlflow.parentRunId"] == parent.info.run_id
+    assert run.data.tags["mlflow.parentRunId"] == above.info.run_id
+    assert above.data.tags["mlflow.parentRunId"] == parent.info.run_id
+
+
+def test_cells_of_an_older_store_are_put_below_their_aggregates(mirrored: Results) -> None:
+    store, cells = client(mirrored), runs(mirrored, "tags.kind = 'cell'")
+    before = {run.info.run_id: run.data.tags["mlflow.parentRunId"] for run in cells}
+    sweep = runs(mirrored, "tags.kind = 'sweep'")[0].info.run_id
+    for run in cells:
+        store.set_tag(run.info.run_id, "mlflow.parentRunId", sweep)
+    mlflow_mirror.sync(find(mirrored), tracking_uri(mirrored.storage, None), [])
+    after = {run.info.run_id: run.data.tags["mlflow.parentRunId"] for run in runs(mirrored, "tags.kind = 'cell'")}
+    assert after == before
+
+
+def test_the_leaderboard_goes_task_by_task_and_shows_rounded_numbers(mirrored: Results) -> None:
+    shown = runs(mirrored, LEADERBOARD.condition)
+    shown.sort(key=lambda run: run.data.tags["place"])
+    tasks = [run.data.tags["task"] for run in shown]
+    assert tasks == sorted(tasks, key=tasks.index)
+    for task in set(tasks):
+        aucs = [run.data.metrics["auc"] for run in shown if run.data.tags["task"] == task]
+        assert aucs == sorted(aucs, reverse=True)
+    assert all(re.fullmatch(r"-?\d+\.\d\d \(\d+\.\d\d\)", run.data.tags["AUC"]) for run in shown)
+    assert {run.data.tags["verdict"] for run in shown} <= {"helped", "hurt", "undecided", "baseline"}
+
+
+def test_the_sweeps_run_has_the_answer_as_metrics_and_first_in_its_description(mirrored: Results) -> None:
+    parent, best = runs(mirrored, "tags.kind = 'sweep'")[0], find(mirrored).best
+    counts = Counter(group.verdict for group in best if group.against_base)
+    for name in ("helped", "hurt", "undecided"):
+        assert parent.data.metrics[f"transfer_{name}"] == counts[name]
+    assert sum(name.startswith("best_auc ") for name in parent.data.metrics) == len(
+        {group.task for group in best} - {"windy_gridworld"}
+    )
+    assert parent.data.tags["mlflow.note.content"].startswith("|best on|agent|AUC|transfer ratio|verdict|")
 
 
 def test_a_curve_has_the_episode_as_its_step(mirrored: Results) -> None:
