@@ -70,6 +70,7 @@ def table_1(findings: Findings, groups: Sequence[Group], name: str, caption: str
 def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
     short = group.failed + group.missing + group.stopped
     seeds = f"{len(group.seeds)} of {len(group.seeds) + short}" if short else f"{len(group.seeds)}"
+    seeds += f"; {group.nothing}" if group.nothing else ""
     return (
         Datum(group.task, group.task),
         Datum(group.agent, group.agent, agent=group.agent),

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
+from orchestrator.analysis.learning import nothing_in
 from orchestrator.analysis.metrics import DIFFERENCE, METRICS, TRANSFER_RATIO, Seeds
 from orchestrator.analysis.statistics import Estimate, TransferRatio
 from orchestrator.planning.arms import Key
@@ -61,6 +62,8 @@ class Group:
     """Metric.key to its estimate over seeds; those that the configuration has no data for are left out."""
     against_base: Comparison | None
     """None for an agent without transfer, and where the one without transfer is not in the sweep."""
+    nothing: str | None = None
+    """That it learned nothing, in a sentence; only ever of an agent without transfer."""
     pick: str = ""
     """Whose knowledge a seed got, where that is known."""
     source_label: str = ""
@@ -144,6 +147,7 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         missing=int((frame["status"] == "missing").sum()),
         estimates=estimates,
         against_base=_comparison(estimates, paired),
+        nothing=nothing_in(done) if first["source"] == "none" else None,
         pick=_text(first, "pick"),
     )
 

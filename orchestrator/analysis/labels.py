@@ -41,11 +41,12 @@ def cell_name(cell: Cell) -> str:
 
 
 def group_name(group: Group) -> str:
-    """A group's name for people."""
+    """A configuration's name for people, what tells its task from others first: a column of names is narrow."""
+    task = group.task.partition(":")[2] if ".py" not in group.task else ""
     text = settings_text(varied(group.agent, group.task, group.hyperparameters)).replace("=", " ")
     parts = [
+        run_name(task or group.task),
         run_name(group.agent),
-        run_name(group.task),
         run_name(group.source_label) if group.source_label != "none" else "",
         text,
     ]

@@ -29,6 +29,7 @@ def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
     seeds = f"{len(group.seeds)}" + (f", {group.failed} failed" if group.failed else "")
     seeds += f", {group.stopped} stopped early" if group.stopped else ""
     seeds += f", {group.missing} missing" if group.missing else ""
+    seeds += f"; {group.nothing}" if group.nothing else ""
     return (
         short(group.task),
         short(group.agent),
@@ -53,6 +54,7 @@ def numbers(group: Group) -> dict[str, Any]:
         "seeds_failed": group.failed,
         "seeds_stopped": group.stopped,
         "seeds_missing": group.missing,
+        "learned_nothing": group.nothing is not None,
         "verdict": group.verdict,
     }
     for metric in METRICS:

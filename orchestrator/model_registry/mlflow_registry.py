@@ -21,6 +21,7 @@ from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 
 from orchestrator.analysis.labels import cell_name, settings_text, varied
+from orchestrator.analysis.learning import learned_nothing
 from orchestrator.errors import SweepError
 from orchestrator.model_registry.source_models import (
     SourceModel,
@@ -61,6 +62,8 @@ class Fetched:
 def register(results: Results, uri: str, parent: str) -> list[str]:
     """Register the source models of a sweep; the best version of each source task gets the alias: models:/NAME@best.
 
+    Returns these names, with a remark where even the best version learned nothing.
+
     parent: the sweep's run, below which the source models' runs are. Raises MlflowException and OSError.
     """
     found = source_models(results)
@@ -69,6 +72,7 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
     client = connect(uri)
     below = client.get_run(parent)
     names = list(dict.fromkeys(model_name(model.cell.task) for model in found))
+    remarks = {}
     for name in names:
         own = [model for model in found if model_name(model.cell.task) == name]
         known = _model(client, name, own[0].cell.task)
@@ -79,8 +83,9 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
                 known[key] = _write(client, name, model, below)
             else:
                 _add_steps(client, version, model)
-        _point(client, name, list(known.values()))
-    return [f"models:/{name}@{ALIAS}" for name in names]
+        best = _point(client, name, list(known.values()))
+        remarks[name] = f" ({best.tags['learned']})" if "learned" in best.tags else ""
+    return [f"models:/{name}@{ALIAS}{remarks[name]}" for name in names]
 
 
 def register_now(results: Results, uri: str, parent: str) -> list[str]:
@@ -175,12 +180,13 @@ def _add_steps(client: MlflowClient, version: ModelVersion, model: SourceModel) 
         client.set_model_version_tag(version.name, str(version.version), "steps", after)
 
 
-def _point(client: MlflowClient, name: str, versions: Sequence[ModelVersion]) -> None:
-    """Put the alias on the best version; of equal ones, on the oldest."""
+def _point(client: MlflowClient, name: str, versions: Sequence[ModelVersion]) -> ModelVersion:
+    """Put the alias on the best version, and return it; of equal ones, the oldest."""
     oldest_first = sorted(versions, key=lambda version: int(version.version))
     best = max(oldest_first, key=lambda version: standing(version.tags))
     if client.get_registered_model(name).aliases.get(ALIAS) != str(best.version):
         client.set_registered_model_alias(name, ALIAS, str(best.version))
+    return best
 
 
 def _model_text(name: str, task: str) -> str:
@@ -202,7 +208,8 @@ As the source of a sweep, in place of its first stage: `deltatune sweep SPACE --
 def _version_text(name: str, model: SourceModel) -> str:
     """The description of a version."""
     cell, returns = model.cell, model.record.returns
-    return (
+    nothing = learned_nothing(returns)
+    return (f"It {nothing}. " if nothing else "") + (
         f"{cell_name(cell)}: {settings_text(varied(cell.agent, cell.task, cell.hyperparameters))}; "
         f"best greedy evaluation {max(returns):.2f}, last {returns[-1]:.2f}. Cell `{cell.id}`."
     )

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from orchestrator.analysis.learning import learned_nothing
 from orchestrator.results.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
@@ -31,7 +32,9 @@ class SourceModel:
 
     def tags(self, sweep: str) -> dict[str, str]:
         """Return what the version's tags say; `steps` and `hyperparameters` are JSON."""
+        nothing = learned_nothing(self.record.returns)
         return {
+            **({"learned": nothing} if nothing else {}),
             "cell_id": self.cell.id,
             "task": self.cell.task,
             "agent": self.cell.agent,

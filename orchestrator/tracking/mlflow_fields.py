@@ -53,6 +53,7 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     for metric in METRICS:
         found = metric.numbers(group.estimates.get(metric.key))
         metrics |= {name: value for name, value in found.items() if value is not None}
+    tags |= {"learned": group.nothing} if group.nothing else {}
     tags |= {TEXTS[name]: text for name, text in _texts(group).items()}
     if group.against_base is not None and group.against_base.transfer_ratio.undefined:
         tags["transfer_ratio"] = f"undefined: {group.against_base.transfer_ratio.undefined}"
@@ -89,5 +90,9 @@ def sweep_metrics(groups: Sequence[Group], best: Sequence[Group]) -> dict[str, f
     for group in groups:
         if group.stage == "transfer" and group.complete and group.auc:
             name = f"best_auc {run_name(group.task)}"[:250]
-            metrics[name] = max(metrics.get(name, -math.inf), group.auc.value)
+            metrics[name] = max(metrics.get(name, -math.inf), float(f"{group.auc.value:.{DIGITS}g}"))
     return metrics
+
+
+DIGITS = 6
+"""Of the best AUCs on the sweep's own page; the aggregates and the tables have them in full."""

@@ -12,13 +12,10 @@ from dataclasses import dataclass
 
 PREFIX = "mlflow.sharedViewState."
 
-WIDTHS = {
-    "attributes.`Run Name`": 300,
-    **{f"tags.`{name}`": width for name, width in (("place", 70), ("AUC", 125), ("transfer_ratio", 140))},
-    **{f"tags.`{name}`": width for name, width in (("verdict", 95), ("source", 85), ("difference", 150))},
-    **{f"tags.`{name}`": width for name, width in (("task", 230), ("agent", 130))},
-}
-"""Pixels of columns."""
+_PIXELS = {"AUC": 112, "transfer_ratio": 125, "verdict": 85, "task": 230, "source": 85, "difference": 150, "place": 70}
+
+WIDTHS = {f"tags.`{name}`": width for name, width in (_PIXELS | {"agent": 130}).items()}
+"""Pixels of columns: the first three of the leaderboard stand beside the names in a window of 1000."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ LEADERBOARD = View(
     "tags.kind = 'aggregate' and tags.stage = 'transfer'",
     "tags.`place`",
     True,
-    ("place", "AUC", "transfer_ratio", "verdict", "source", "difference"),
+    ("AUC", "transfer_ratio", "verdict", "task", "source", "difference", "place"),
     (),
 )
 """Task by task, the best AUC first; the numbers as rounded text."""

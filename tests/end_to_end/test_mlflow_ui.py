@@ -20,7 +20,8 @@ from orchestrator.analysis.findings import find
 from orchestrator.model_registry import mlflow_registry
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking import mlflow_mirror
-from orchestrator.tracking.mlflow_views import VIEWS, View
+from orchestrator.tracking.mlflow_views import LEADERBOARD, VIEWS, View
+from orchestrator.tracking.ui import leaderboards
 from orchestrator.tracking.uri import tracking_uri
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -137,13 +138,27 @@ def test_each_view_opens_with_its_filter_and_columns(page: Page, sweep: Results,
     assert bool(runs) == (view.key != "deltatune-negative-transfer")
 
 
-def test_the_leaderboard_has_the_best_auc_on_top(page: Page, sweep: Results, experiment: str) -> None:
-    page.open(f"experiments/{experiment}/runs?viewStateShareKey={VIEWS[0].key}", "matching runs")
-    cells = page.page.locator("[role=row] [col-id='metrics.`auc`']")
-    cells.nth(3).wait_for()
-    shown = [float(text.rstrip("…")) for text in cells.all_inner_texts() if text.strip().lstrip("-")[:1].isdigit()]
-    assert len(shown) > 3
-    assert shown == sorted(shown, reverse=True)
+@pytest.mark.parametrize("width", [1400, 1000])
+def test_one_click_from_ui_shows_auc_ratio_and_verdict_task_by_task(
+    page: Page, sweep: Results, experiment: str, width: int
+) -> None:
+    paths = leaderboards(tracking_uri(sweep.storage, None))
+    assert list(paths) == ["Leaderboard of tests"]
+    page.page.set_viewport_size({"width": width, "height": 900})
+    page.page.add_init_script("localStorage.setItem('mlflow.assistant.fab.autoOpenedOnFirstLoad_v1', 'true')")
+    page.open(paths["Leaderboard of tests"].removeprefix("#/"), "matching runs")
+    shown: dict[str, list[str]] = {}
+    for name in ("AUC", "transfer_ratio", "verdict"):
+        cells = page.page.locator(f"[role=row] [role=gridcell][col-id='tags.`{name}`']")
+        cells.nth(3).wait_for()
+        box = cells.first.bounding_box()
+        assert box is not None
+        assert box["x"] + box["width"] <= width
+        shown[name] = cells.all_inner_texts()
+    assert {"helped", "hurt", "undecided", "baseline"} >= set(shown["verdict"])
+    client = MlflowClient(tracking_uri(sweep.storage, None))
+    runs = client.search_runs([experiment], LEADERBOARD.condition, order_by=["tags.`place` ASC"])
+    assert shown["AUC"] == [run.data.tags["AUC"] for run in runs][: len(shown["AUC"])]
 
 
 def test_a_sweeps_page_says_what_was_asked_and_holds_the_figures(page: Page, sweep: Results, experiment: str) -> None:
