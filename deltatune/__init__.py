@@ -4,8 +4,9 @@ Everything that documents and examples use is here, and is imported when it is a
 
     import deltatune
 
-    results = deltatune.load("demo")
+    results = deltatune.sweep("demo", seeds=2, hyperparameters={"episodes": 500}, name="try")
     results.best          # a data frame; so are .table, .cells, .points and .curves()
+    deltatune.load("try")     # the same, later
 
     cell = deltatune.Cell.create("q_learning", "windy_gridworld:wind=reversed", seed=0)
     for point in deltatune.train(cell):
@@ -18,6 +19,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from deltatune.run import sweep
     from deltatune.sweep_results import SweepResults, load
     from orchestrator.errors import SweepError
     from search_spaces import SearchSpace
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     from trainables.training.train import train
 
 _PLACES = {
+    "deltatune.run": ("sweep",),
     "deltatune.sweep_results": ("SweepResults", "load"),
     "orchestrator.errors": ("SweepError",),
     "search_spaces": ("SearchSpace", "load_space:load"),
@@ -114,6 +117,7 @@ __all__ = [
     "load_space",
     "make_env",
     "parse_task",
+    "sweep",
     "tabular_task",
     "task",
     "train",
@@ -129,6 +133,10 @@ def __getattr__(name: str) -> Any:
         return versions().get("deltatune", "unknown")
     if name not in _HOME:
         raise AttributeError(f"module 'deltatune' has no attribute '{name}'")
+    if name == "sweep":
+        from orchestrator.process_env import prepare
+
+        prepare()  # before Ray or MLflow is imported
     module, there = _HOME[name]
     value = getattr(importlib.import_module(module), there)
     globals()[name] = value

@@ -36,14 +36,14 @@ def submit(
     from orchestrator.process_env import prepare
 
     prepare(joins_cluster=True)
+    from deltatune.cli.sweep import wanted_space
     from orchestrator.cluster import jobs
-    from search_spaces.loading import load
     from trainables.storage.folders import absolute
     from trainables.storage.paths import storage_path
 
     storage = str(absolute(storage_path(storage)))
     words = [*context.args, "--storage", storage]
-    wanted = load(space)
+    wanted = wanted_space(space)
     name = name or wanted.name
     check_options(["space.yaml", *words, "--name", name])
     head = jobs.client(address)

@@ -2,48 +2,41 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, TrackingUri, app, err, out
+from deltatune.cli import options as opt
+from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, TrackingUri, app, err, progress_console
 
 if TYPE_CHECKING:
     from orchestrator.execution.settings import Settings
+    from search_spaces.search_space import SearchSpace
 
 
 @app.command(rich_help_panel=RUN_PANEL)
 def sweep(
-    space: Annotated[
-        str, typer.Argument(metavar="SPACE", help="A built-in search space (see 'deltatune spaces') or a YAML file.")
-    ],
-    name: Annotated[str | None, typer.Option(help="The sweep's name; default: the search space's.")] = None,
+    context: typer.Context,
+    space: opt.Space,
+    name: opt.NewName = None,
     storage: Storage = RESULTS,
-    task: Annotated[list[str] | None, typer.Option("--tasks", help="Only these target tasks; repeat for more.")] = None,
-    agent: Annotated[list[str] | None, typer.Option("--agents", help="Only these agents; repeat for more.")] = None,
-    seeds: Annotated[int | None, typer.Option(help="Number of seeds; default: the search space's.")] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="HYPERPARAMETER=VALUE for every agent that has it.")
-    ] = None,
-    params: Annotated[Path | None, typer.Option(help="Best hyperparameters from 'deltatune export'.")] = None,
-    source: Annotated[
-        list[str] | None,
-        typer.Option(help="Use this source, train none: models:/NAME@best, models:/NAME/3 or a file; repeat for more."),
-    ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Cells at a time; default: one per CPU.")] = None,
-    address: Annotated[str | None, typer.Option(help="Join this Ray cluster: HOST:PORT or 'auto'.")] = None,
-    local: Annotated[
-        bool, typer.Option("--local", help="Without Ray: in this process, or in --workers processes beside it.")
-    ] = False,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cells again.")] = False,
-    checkpoint_every: Annotated[float, typer.Option(min=0, help="Seconds between checkpoints of a long cell.")] = 5.0,
-    time_limit: Annotated[float | None, typer.Option(min=0.1, help="Seconds that a cell may take.")] = None,
-    cpus_per_cell: Annotated[float, typer.Option(min=0.01, help="CPUs of a cell; a fraction shares one.")] = 1.0,
-    gpus_per_cell: Annotated[float, typer.Option(min=0, help="GPUs of a cell; a fraction shares one.")] = 0.0,
-    memory_per_cell: Annotated[float, typer.Option(min=0, help="GiB of memory to reserve for a cell.")] = 0.0,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would do and cost.")] = False,
-    mlflow: Annotated[bool, typer.Option(help="Record in MLflow.")] = True,
+    task: opt.Targets = None,
+    agent: opt.Agents = None,
+    seeds: opt.Seeds = None,
+    settings: opt.Set = None,
+    params: opt.Params = None,
+    source: opt.Pretrained = None,
+    workers: opt.Workers = None,
+    address: opt.Address = None,
+    local: opt.Local = False,
+    retry_failed: opt.RetryFailed = False,
+    checkpoint_every: opt.CheckpointEvery = 5.0,
+    time_limit: opt.TimeLimit = None,
+    cpus_per_cell: opt.Cpus = 1.0,
+    gpus_per_cell: opt.Gpus = 0.0,
+    memory_per_cell: opt.Memory = 0.0,
+    dry_run: opt.DryRun = False,
+    mlflow: opt.Mlflow = True,
     tracking_uri: TrackingUri = None,
     as_json: Json = False,
 ) -> None:
@@ -53,28 +46,34 @@ def sweep(
     done are never run twice. Try `deltatune sweep demo`, or a small
     `deltatune sweep demo --seeds 2 --set episodes=500 --name try`.
     """
-    from orchestrator.process_env import prepare
-
-    prepare(joins_cluster=address is not None)
-    from deltatune.cli.sweep_report import interrupted, report
-    from orchestrator.cluster.resources import Resources
-    from orchestrator.execution.session import SweepSession
-    from orchestrator.execution.settings import Settings
-    from orchestrator.export.best_params import read_params
-    from orchestrator.model_registry import pretrained
-    from orchestrator.planning.params import check_params
-    from orchestrator.results.sweep_folder import Results
-    from orchestrator.tracking.uri import tracking_uri as store_uri
-    from search_spaces import narrow
-    from search_spaces.loading import load
+    from search_spaces.narrow import narrow
 
     chosen = narrow(
-        load(space), tasks=task or (), agents=agent or (), seeds=seeds, hyperparameters=_settings(settings or [])
+        wanted_space(space),
+        tasks=task or (),
+        agents=agent or (),
+        seeds=seeds,
+        hyperparameters=_settings(settings or []),
     )
-    settled = read_params(params) if params else {}
+    name, console = name or chosen.name, progress_console(context, as_json)
+    with console.status(_summary(name, chosen)):
+        from orchestrator.process_env import prepare
+
+        prepare(joins_cluster=address is not None)
+        from deltatune.cli.sweep_report import interrupted, report
+        from orchestrator.cluster.resources import Resources
+        from orchestrator.execution.session import SweepSession
+        from orchestrator.execution.settings import Settings
+        from orchestrator.export.best_params import read_params
+        from orchestrator.model_registry import pretrained
+        from orchestrator.planning.params import check_params
+        from orchestrator.results.sweep_folder import Results
+        from orchestrator.tracking.uri import tracking_uri as store_uri
+
+        settled = read_params(params) if params else {}
+        sources = pretrained.read(source, chosen, store_uri(storage, tracking_uri)) if source else []
     if said := check_params(str(params), settled, chosen):
         err.print(said, style="yellow", soft_wrap=True)
-    sources = pretrained.read(source, chosen, store_uri(storage, tracking_uri)) if source else []
     how = Settings(
         workers=workers,
         address=address,
@@ -92,19 +91,39 @@ def sweep(
     if dry_run:
         from deltatune.cli.dry_run import say_forecast
 
-        say_forecast(chosen, how, Results(storage / (name or chosen.name)), as_json)
+        say_forecast(chosen, how, Results(storage / name), as_json)
         return
     if address:
         from orchestrator.cluster.connection import check_address
 
         check_address(address)
-    with SweepSession.open(
-        storage, name or chosen.name, chosen, sources=sources, tracking_uri=uri, console=err if as_json else out
-    ) as session:
+    with SweepSession.open(storage, name, chosen, sources=sources, tracking_uri=uri, console=console) as session:
         tally = session.run(how)
         if tally.left:
             interrupted(session, tally, as_json)
         report(session, tally, as_json)
+
+
+def wanted_space(text: str) -> SearchSpace:
+    """Return the search space that `text` names; InputError that points to `init` where it names a task."""
+    from search_spaces.loading import built_in, load
+    from trainables.errors import InputError
+    from trainables.plugins.names import by_file
+    from trainables.tasks.registry import families
+
+    if text not in built_in() and (text.startswith("gym:") or by_file(text) or text.partition(":")[0] in families()):
+        raise InputError(
+            f"'{text}' is a task, not a search space: write one for it with deltatune init '{text}' -o mine.yaml"
+        )
+    return load(text)
+
+
+def _summary(name: str, space: SearchSpace) -> str:
+    """Return what a sweep is about, in a line."""
+    targets = {target for scenario in space.scenarios for target in scenario.targets}
+    counts = ((len(space.agents), "agent"), (len(targets), "target"), (len(space.seeds), "seed"))
+    agents, tasks, seeds = (f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts)
+    return f"{name}: {agents} on {tasks}, {seeds}"
 
 
 def _check_local(how: Settings) -> None:

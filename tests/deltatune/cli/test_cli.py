@@ -199,6 +199,11 @@ def test_reading_commands(terminal: Terminal, finished: Path, tmp_path: Path) ->
         (["ui", "--host", ""], "--host must be an address such as 127.0.0.1, or 0.0.0.0 for all (got '')"),
         (["sweep", "demo", "--local", "--address", "auto"], "--local runs without Ray: it cannot join a cluster (got"),
         (["sweep", "demo", "--local", "--gpus-per-cell", "1"], "--local reserves nothing: --cpus-per-cell"),
+        (
+            ["sweep", "gym:MountainCar-v0:gravity=2x"],
+            "is a task, not a search space: write one for it with deltatune init",
+        ),
+        (["sweep", "cartpole"], "'cartpole' is a task, not a search space"),
         (["sweep", "/nowhere.yaml"], "cannot read /nowhere.yaml: No such file or directory"),
         (["export", "nothing"], "unknown sweep in results 'nothing'"),
         (["report", "nothing"], "unknown sweep in results 'nothing'"),

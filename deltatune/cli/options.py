@@ -1,0 +1,95 @@
+"""The options of `sweep`, each declared once, in the groups of its help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+WHAT, HOW, CELL, RECORD = "What to run", "Where and how it runs", "What a cell gets", "Where results go"
+"""Groups in the help."""
+
+Space = Annotated[
+    str, typer.Argument(metavar="SPACE", help="A built-in search space (see 'deltatune spaces') or a YAML file.")
+]
+
+# --- what to run
+Targets = Annotated[
+    list[str] | None,
+    typer.Option("--tasks", metavar="TASK", help="Take only this target task; repeat for more.", rich_help_panel=WHAT),
+]
+Agents = Annotated[
+    list[str] | None,
+    typer.Option("--agents", metavar="AGENT", help="Take only this agent; repeat for more.", rich_help_panel=WHAT),
+]
+Seeds = Annotated[
+    int | None, typer.Option(metavar="N", help="Take N seeds; default: the search space's.", rich_help_panel=WHAT)
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Give a hyperparameter one value, for every agent that has it; repeat for more.",
+        rich_help_panel=WHAT,
+    ),
+]
+Params = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Take the best hyperparameters that 'deltatune export' wrote.", rich_help_panel=WHAT
+    ),
+]
+Pretrained = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--source",
+        metavar="MODEL",
+        help="Use this pretrained source and train none: models:/NAME@best, models:/NAME/3 or a file; repeat for more.",
+        rich_help_panel=WHAT,
+    ),
+]
+RetryFailed = Annotated[bool, typer.Option("--retry-failed", help="Run failed cells again.", rich_help_panel=WHAT)]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Only say what it would do and cost.", rich_help_panel=WHAT)]
+
+# --- where and how
+Workers = Annotated[
+    int | None,
+    typer.Option(min=1, metavar="N", help="Run N cells at a time; default: one per CPU.", rich_help_panel=HOW),
+]
+Address = Annotated[
+    str | None, typer.Option(metavar="HOST:PORT", help="Join this Ray cluster; 'auto' finds one.", rich_help_panel=HOW)
+]
+Local = Annotated[
+    bool,
+    typer.Option(
+        "--local", help="Run without Ray: in this process, or in --workers processes beside it.", rich_help_panel=HOW
+    ),
+]
+CheckpointEvery = Annotated[
+    float,
+    typer.Option(min=0, metavar="SECONDS", help="Time between checkpoints of a long cell.", rich_help_panel=HOW),
+]
+
+# --- what a cell gets
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(min=0.1, metavar="SECONDS", help="Time after which a cell fails.", rich_help_panel=CELL),
+]
+Cpus = Annotated[
+    float, typer.Option(min=0.01, metavar="N", help="CPUs of a cell; a fraction shares one.", rich_help_panel=CELL)
+]
+Gpus = Annotated[
+    float, typer.Option(min=0, metavar="N", help="GPUs of a cell; a fraction shares one.", rich_help_panel=CELL)
+]
+Memory = Annotated[
+    float, typer.Option(min=0, metavar="GIB", help="Memory reserved for a cell, in GiB.", rich_help_panel=CELL)
+]
+
+# --- where results go
+NewName = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The sweep's name; default: the search space's.", rich_help_panel=RECORD),
+]
+Mlflow = Annotated[bool, typer.Option(help="Record the sweep in MLflow.", rich_help_panel=RECORD)]

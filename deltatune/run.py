@@ -1,0 +1,66 @@
+"""A sweep from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from deltatune.publish import artifacts, publish
+from deltatune.sweep_results import SweepResults
+from orchestrator.errors import InterruptedSweepError
+from orchestrator.execution.session import SweepSession
+from orchestrator.execution.settings import Settings
+from orchestrator.tracking.uri import tracking_uri as store_uri
+from search_spaces.loading import load, parse
+from search_spaces.narrow import narrow
+from search_spaces.search_space import SearchSpace
+from trainables.storage.paths import default_storage, storage_path
+
+
+def sweep(
+    space: str | Path | Mapping[str, Any] | SearchSpace,
+    *,
+    name: str | None = None,
+    storage: str | Path | None = None,
+    tasks: Sequence[str] = (),
+    agents: Sequence[str] = (),
+    seeds: int | None = None,
+    hyperparameters: Mapping[str, Any] | None = None,
+    workers: int | None = None,
+    address: str | None = None,
+    local: bool = False,
+    retry_failed: bool = False,
+    mlflow: bool = True,
+    tracking_uri: str | None = None,
+    progress: bool = True,
+) -> SweepResults:
+    """Run a sweep as `deltatune sweep` does, and return its results; what is done already is not run again.
+
+    space: a built-in search space's name, a YAML file, a mapping of the same keys, or a SearchSpace. The other
+    arguments are the command's options: name and storage say where the results are, tasks, agents, seeds and
+    hyperparameters narrow the space, workers, address and local say where cells run. progress: show it.
+    Raises InputError for bad input, before any work; SweepError for a sweep that stopped, whose ended cells are kept.
+    """
+    folder = storage_path(storage or default_storage())
+    chosen = narrow(_space(space), tasks=tasks, agents=agents, seeds=seeds, hyperparameters=dict(hyperparameters or {}))
+    settings = Settings(workers=workers, address=address, local=local, retry_failed=retry_failed)
+    uri = store_uri(folder, tracking_uri) if mlflow else None
+    console = Console(stderr=True, quiet=not progress, highlight=False, markup=False)
+    with SweepSession.open(folder, name or chosen.name, chosen, tracking_uri=uri, console=console) as session:
+        if session.run(settings).left:
+            raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to go on")
+        published = publish(session.results)
+        session.finish(published.findings, artifacts(session.results))
+    return SweepResults(session.results)
+
+
+def _space(space: str | Path | Mapping[str, Any] | SearchSpace) -> SearchSpace:
+    """Return the search space that is meant."""
+    if isinstance(space, SearchSpace):
+        return space
+    if isinstance(space, Mapping):
+        return parse("the search space", dict(space), (Path(),))
+    return load(str(space))
