@@ -20,7 +20,6 @@ from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
-from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
 
@@ -140,7 +139,7 @@ def _check_shape(name: str, knowledge: Knowledge, task: Task) -> None:
 
 
 def _check_network(arrays: Mapping[str, np.ndarray[Any, Any]], task: Task) -> None:
-    from trainables.tasks.step_env import Environment
+    from trainables.tasks.step_env import task_shape
 
     missing = {"sizes", "best", "last", "steps"} - set(arrays)
     if missing:
@@ -148,11 +147,9 @@ def _check_network(arrays: Mapping[str, np.ndarray[Any, Any]], task: Task) -> No
     for name, axes in (("sizes", 1), ("steps", 0)):
         if arrays[name].dtype.kind != "i" or arrays[name].ndim != axes:
             raise InputError(f"its array {name} is {arrays[name].dtype} of shape {arrays[name].shape}")
-    sizes, env = [int(size) for size in arrays["sizes"]], Environment(make_env(task))
-    if sizes and (sizes[0], sizes[-1]) != (env.inputs, env.actions):
-        raise InputError(
-            f"its network has {sizes[0]} inputs and {sizes[-1]} actions, not {env.inputs} and {env.actions}"
-        )
+    sizes, (inputs, actions) = [int(size) for size in arrays["sizes"]], task_shape(task)
+    if sizes and (sizes[0], sizes[-1]) != (inputs, actions):
+        raise InputError(f"its network has {sizes[0]} inputs and {sizes[-1]} actions, not {inputs} and {actions}")
     count = sum((n_in + 1) * n_out for n_in, n_out in itertools.pairwise(sizes))
     for vector in (arrays["best"], arrays["last"]):
         if vector.dtype != np.float32 or vector.ndim != 1 or (sizes and len(vector) != count):

@@ -67,7 +67,7 @@ def on_start(monkeypatch: pytest.MonkeyPatch, harm: Callable[[Pack, int], None])
 def driver(
     folder: Path,
     *words: str,
-    python: tuple[str, ...] = ("-m", "orchestrator.cli"),
+    python: tuple[str, ...] = ("-m", "deltatune.cli.main"),
     env: Mapping[str, str] | None = None,
     **changes: Any,
 ) -> Iterator[subprocess.Popen[str]]:

@@ -213,6 +213,11 @@ class DeepLearner:
             }
         )
 
+    def close(self) -> None:
+        """Close the environments."""
+        for env in (self._env, *self._evaluation_envs):
+            env.close()
+
     _COUNTS = ("_episode", "_steps", "_losses", "_updates", "_returns", "_since", "_best_return")
 
     def state(self) -> dict[str, Any]:

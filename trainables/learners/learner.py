@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterable, Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from trainables.agents.named import entry
@@ -10,6 +11,8 @@ from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.knowledge import Knowledge
+
+log = logging.getLogger("deltatune.learners")
 
 
 class Learner(Protocol):
@@ -34,6 +37,15 @@ class Resumable(Learner, Protocol):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go back to what `state` returned; what follows is equal bit for bit."""
+
+
+def prepare(agents: Iterable[str]) -> None:
+    """Import what the learners of some agents need, which takes seconds the first time in a process."""
+    for name in agents:
+        try:
+            entry(agent_named(name).learner)
+        except Exception as error:  # its cells fail with a sentence of their own
+            log.info("the learner of %s cannot be imported: %s", name, error)
 
 
 def new_learner(cell: Cell, source: Knowledge | None) -> Learner:

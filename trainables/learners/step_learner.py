@@ -93,6 +93,10 @@ class StepLearner:
         returns = expected_return(self._model, np.asarray(self.policy(), np.int64), self.settings.gamma)
         return EvalPoint(self._episode, self._steps, *returns, self._return, self.statistics())
 
+    def close(self) -> None:
+        """Close the environment."""
+        self._env.close()
+
     def knowledge(self) -> Knowledge:
         """Q_trg, for a later transfer."""
         return Knowledge({"q": self.q.copy()})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 import gymnasium
@@ -49,6 +50,10 @@ class Environment:
         """(k,): where a simulator is; the environment itself keeps its own."""
         self._observation = np.zeros(self.inputs, np.float32)
 
+    def close(self) -> None:
+        """Close the environment."""
+        self._env.close()
+
     def reset(self, seed: int) -> F32:
         """The first observation (inputs,) of a new episode."""
         self._left = self.time_limit
@@ -84,5 +89,5 @@ def task_shape(task: Task) -> Shape:
         dynamics = task.dynamics()
         return dynamics.states, dynamics.actions
 
-    env = Environment(make_env(task))
-    return env.inputs, env.actions
+    with closing(Environment(make_env(task))) as env:
+        return env.inputs, env.actions

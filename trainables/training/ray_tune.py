@@ -16,6 +16,7 @@ from trainables.cell import Cell, Source
 from trainables.curve import EvalPoint
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
+from trainables.learners.learner import prepare
 from trainables.numerics.threads import one_thread
 from trainables.plugins import loader
 from trainables.storage.paths import storage_path
@@ -103,6 +104,7 @@ def run_cells(config: Config, payload: WorkerPayload) -> None:
         judged = {TIME: report.evaluations, METRIC: report.score} if isinstance(report, Reached) else {}
         tune.report({"report": report, **judged})
 
+    prepare({data["agent"] for data in config["cells"]})
     tell(Started(os.getpid(), ray.get_runtime_context().get_node_id()))
     cells = [Cell.from_json(data) for data in config["cells"]]
     stop = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)

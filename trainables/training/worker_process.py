@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from trainables.cell import Cell
+from trainables.learners.learner import prepare
 from trainables.numerics.threads import one_thread
 from trainables.plugins import loader
 from trainables.storage.paths import storage_path
@@ -81,6 +82,7 @@ def _serve(connection: Connection) -> None:
         assert payload is not None
         sources.update(message.sources)
         stop_file = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)
+        prepare({data["agent"] for data in message.cells})
         connection.send(Started(os.getpid(), "local"))
         try:
             with forwarded_log(tell) as told:
