@@ -23,8 +23,8 @@ from conftest import LOCAL
 from mlflow.tracking import MlflowClient
 from rich.console import Console
 
-from deltatune.cli import sweep_report
 from orchestrator.analysis.findings import find
+from orchestrator.execution.session import SweepSession
 from orchestrator.execution.sweep import run
 from orchestrator.model_registry import mlflow_registry, pretrained
 from orchestrator.model_registry.pyfunc_policy import q_values
@@ -35,7 +35,6 @@ from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
 from orchestrator.tracking import mlflow_mirror
 from orchestrator.tracking.description import markdown
-from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.uri import tracking_uri
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
@@ -383,18 +382,20 @@ def test_a_registry_that_fails_costs_the_sweep_nothing(poles: Results, monkeypat
         raise RuntimeError("no registry here")
 
     monkeypatch.setattr(mlflow_registry, "register", broken)
-    tracker = Tracker(poles, tracking_uri(poles.storage, None))
-    assert sweep_report._register(poles, tracker, "any") == []
-    assert str(tracker.error) == "no registry here"
+    uri = tracking_uri(poles.storage, None)
+    with SweepSession.open(poles.storage, poles.name, poles.space(), tracking_uri=uri) as session:
+        assert session.finish(find(poles), []) == []
+    assert session.tracker is not None
+    assert str(session.tracker.error) == "no registry here"
 
 
 def test_a_source_whose_task_has_a_dot_in_its_name_is_registered_and_fetched(
     grid: Results, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = source_models(grid)[0]
-    dotted = dataclasses.replace(first, cell=Cell.create("q_learning", "supply_chain:demand_mean=2.5", 0))
+    dotted = dataclasses.replace(first, cell=Cell.create("q_learning", "supply_chain:demand_mean=3.5", 0))
     monkeypatch.setattr(mlflow_registry, "source_models", lambda results: [dotted])
     uri = tracking_uri(grid.storage, None)
     parent = mlflow_mirror.sync_now(find(grid), uri, [])
-    assert mlflow_registry.register(grid, uri, parent) == ["models:/deltatune-supply_chain-demand_mean-2.5@best"]
-    assert mlflow_registry.fetch("models:/deltatune-supply_chain-demand_mean-2.5@best", uri).data
+    assert mlflow_registry.register(grid, uri, parent) == ["models:/deltatune-supply_chain-demand_mean-3.5@best"]
+    assert mlflow_registry.fetch("models:/deltatune-supply_chain-demand_mean-3.5@best", uri).data
