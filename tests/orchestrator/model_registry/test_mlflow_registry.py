@@ -397,5 +397,6 @@ def test_a_source_whose_task_has_a_dot_in_its_name_is_registered_and_fetched(
     monkeypatch.setattr(mlflow_registry, "source_models", lambda results: [dotted])
     uri = tracking_uri(grid.storage, None)
     parent = mlflow_mirror.sync_now(find(grid), uri, [])
-    assert mlflow_registry.register(grid, uri, parent) == ["models:/deltatune-supply_chain-demand_mean-3.5@best"]
+    (said,) = mlflow_registry.register(grid, uri, parent)
+    assert said.split()[0] == "models:/deltatune-supply_chain-demand_mean-3.5@best"
     assert mlflow_registry.fetch("models:/deltatune-supply_chain-demand_mean-3.5@best", uri).data
