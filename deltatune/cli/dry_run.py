@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from deltatune.cli.app import err, out, print_json, print_named
-from deltatune.cli.tables import span, table
+from deltatune.cli.tables import duration, span, table
 from orchestrator.cluster.resources import own_cpus
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.settings import Settings
@@ -29,5 +29,6 @@ def say_forecast(space: SearchSpace, settings: Settings, results: Results, as_js
         out.print(table(("task", "agent", "an episode", "known from"), costs))
     for why in found.unknown:
         print_named("Cost not known", why, "yellow")
-    text = f"about {span(low, high)} on {found.workers} workers" if high else "nothing is left to run"
-    out.print(f"All in all: {text}. Nothing was written.")
+    ends = f"{duration(found.start + found.publish)} of it to start and to publish"
+    text = f"about {span(low, high)} on {found.workers} workers, {ends}" if found.start else "nothing is left to run"
+    out.print(f"All in all: {text}. Nothing was written.", soft_wrap=True)

@@ -15,7 +15,7 @@ from orchestrator.execution.settings import Settings
 from orchestrator.execution.source_choice import choose
 from orchestrator.planning.arms import Arm, distinct
 from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
-from orchestrator.planning.source_choice import SourceChoice, settle, untrained
+from orchestrator.planning.source_choice import STAND_IN_STEPS, SourceChoice, settle, untrained
 from orchestrator.results.status import sweeps
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
@@ -30,8 +30,11 @@ log = logging.getLogger("deltatune.forecast")
 SIZES = ("hidden_size", "hidden_layers", "batch_size", "evaluate_every", "evaluation_episodes", "module", "device")
 """Hyperparameters that decide how long an episode takes."""
 
-STAND_IN_STEPS = 10_000_000
-"""T of a source that is not trained yet."""
+START_SECONDS = {"ray": 10.0, "local": 2.0}
+"""What a sweep takes before its first cell runs, and between its stages: imports, Ray, workers."""
+
+PUBLISH_SECONDS, PUBLISH_SECONDS_PER_CELL = 6.0, 0.04
+"""What tables, figures, the report and MLflow take at the end: for any sweep, and for each of its cells."""
 
 Key = tuple[str, str, tuple[Any, ...]]
 
@@ -72,14 +75,16 @@ class Forecast:
     unknown: tuple[str, ...]
     """Why the cost of some cells is not known."""
     workers: int
+    start: float
+    """Seconds to start up; 0 where nothing is left to run."""
+    publish: float
+    """Seconds for tables, figures and MLflow."""
 
     @property
     def wall(self) -> tuple[float, float]:
-        """Seconds on all workers, from and to."""
-        return (
-            sum(stage.low for stage in self.stages) / self.workers,
-            sum(stage.high for stage in self.stages) / self.workers,
-        )
+        """Seconds from the command to the report, from and to: starting, cells on all workers, publishing."""
+        low, high = (sum(side) / self.workers for side in zip(*((s.low, s.high) for s in self.stages), strict=True))
+        return low + self.start + self.publish, high + self.start + self.publish
 
 
 def forecast(space: SearchSpace, settings: Settings, results: Results, workers: int) -> Forecast:
@@ -94,7 +99,15 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     first = _stage(SOURCE, trained, space, ledger, costs, keep)
     choices = settle(arms, settings.pretrained, lambda arm: _choice(ledger, arm, keep))
     second = _stage(TRANSFER, transfer_arms(space, choices, settings.params), space, ledger, costs, keep=False)
-    return Forecast((first, second), tuple(costs.known.values()), tuple(dict.fromkeys(costs.unknown)), workers)
+    cells, left = (sum(each) for each in zip(*((s.cells, s.cells - s.done) for s in (first, second)), strict=True))
+    return Forecast(
+        (first, second),
+        tuple(costs.known.values()),
+        tuple(dict.fromkeys(costs.unknown)),
+        workers,
+        start=START_SECONDS["local" if settings.local else "ray"] if left else 0.0,
+        publish=PUBLISH_SECONDS + PUBLISH_SECONDS_PER_CELL * cells,
+    )
 
 
 def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, costs: _Costs, keep: bool) -> Stage:

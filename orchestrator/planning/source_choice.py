@@ -65,6 +65,10 @@ def pretrained_choice(arm: Arm, by_seed: Mapping[int, SourceRun]) -> SourceChoic
     return SourceChoice({name: value for name, value in cell.hyperparameters.items() if name in arm.swept}, by_seed)
 
 
+STAND_IN_STEPS = 10_000_000
+"""T of a source that is not trained yet."""
+
+
 def untrained(arm: Arm, steps: int = 0, lost: str = "") -> SourceChoice:
     """Return a stand-in for an outcome that is not there: the first configuration, as if nothing had been learned."""
     values = arm.first()
