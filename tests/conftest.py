@@ -93,6 +93,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def _own_mlflow(monkeypatch: pytest.MonkeyPatch) -> None:
     """No test writes to a store that the environment names."""
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    monkeypatch.delenv("DELTATUNE_STORAGE", raising=False)
 
 
 @pytest.fixture(scope="session")

@@ -130,7 +130,7 @@ def export(
 
 
 @app.command(rich_help_panel=RESULT_PANEL)
-def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = None) -> None:
+def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = None, as_json: Json = False) -> None:
     """Bring MLflow up to a sweep's results table; twice changes nothing."""
     from orchestrator.process_env import prepare
 
@@ -139,13 +139,18 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
     from orchestrator.model_registry import mlflow_registry
     from orchestrator.results.sweep_folder import Results
     from orchestrator.tracking import mlflow_mirror
+    from orchestrator.tracking.uri import shown
     from orchestrator.tracking.uri import tracking_uri as store_uri
 
     results = told_damage(Results.open(storage, name))
     uri = store_uri(results.storage, tracking_uri)
     published = publish(results)
     parent = mlflow_mirror.sync_now(published.findings, uri, artifacts(results))
-    for source in mlflow_registry.register_now(results, uri, parent):
+    sources = mlflow_registry.register_now(results, uri, parent)
+    if as_json:
+        print_json({"sweep": results.name, "mlflow": shown(uri), "run": parent, "sources": sources})
+        return
+    for source in sources:
         out.print(f"Source:   {source}", soft_wrap=True)
     out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
 

@@ -139,8 +139,8 @@ def test_a_sweep_from_the_command_line(terminal: Terminal, space_file: Path, tmp
     assert f"0 cells run (0 failed), {CELLS} there before" in out
     for shown in ("transfer ratio", "delta_gate", str(folder / "best.yaml"), "curves.png", "ui --storage"):
         assert shown in out
-    code, out, _ = terminal.run("sync", "small", "--storage", str(tmp_path / "r"))
-    assert code == 0
+    synced = terminal.json("sync", "small", "--storage", str(tmp_path / "r"))
+    assert (synced["sweep"], len(synced["run"])) == ("small", 32)
 
 
 def test_reading_commands(terminal: Terminal, finished: Path, tmp_path: Path) -> None:
