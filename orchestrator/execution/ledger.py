@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
+from orchestrator import clock
 from orchestrator.planning.arms import Arm, labels_of
 from orchestrator.planning.source_choice import SourceRun
 from orchestrator.results.checked_json import DamagedError
@@ -19,6 +19,7 @@ from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 from trainables.curve import auc
 from trainables.knowledge import Knowledge
+from trainables.storage import disk
 from trainables.training.cell_run import Outcome
 
 
@@ -130,7 +131,7 @@ class Ledger:
         if records:
             self._results.add(*records)
         for record in records:
-            (self.checkpoints / f"{record.cell.id}.checkpoint").unlink(missing_ok=True)
+            disk.remove(self.checkpoints / f"{record.cell.id}.checkpoint")
             self._new.add(record.cell.id)
             self._plan[stage][record.cell.id] = record.cell
         return records
@@ -159,4 +160,4 @@ class Ledger:
 def record_of(outcome: Outcome) -> Record:
     """Return the record of a cell that has ended now."""
     fields = {name: getattr(outcome, name) for name in ("cell", "status", "error", "points", "digest", "seconds")}
-    return Record(finished=time.time(), versions=versions(), commit=commit(), **fields)
+    return Record(finished=clock.time(), versions=versions(), commit=commit(), **fields)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
 from rich.console import Console
 
+from orchestrator import clock
 from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
@@ -39,7 +39,7 @@ def run_held(
     After Ctrl-C or SIGTERM the tally says in `left` how many cells are left. Raises InputError for a cell that fits on
     no node; SweepError where a record cannot be written, another driver took the sweep over or the cluster is gone.
     """
-    started = time.monotonic()
+    started = clock.monotonic()
     with ExitStack() as stack:
         ledger, tally = Ledger(results, settings.retry_failed), RunSummary()
         for damage in (*results.mended, *ledger.damage):
@@ -54,7 +54,7 @@ def run_held(
             raise SweepError(str(error)) from error
         except OSError as error:
             raise SweepError(f"cannot write to {results.folder} ({error}); all earlier records are kept") from error
-    tally.seconds = time.monotonic() - started
+    tally.seconds = clock.monotonic() - started
     return tally
 
 

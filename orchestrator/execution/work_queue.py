@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
+from orchestrator import clock
 from orchestrator.planning.search import Tuned
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
@@ -118,12 +118,12 @@ class WorkQueue:
     def on_started(self, trial: str, pid: int, node: str) -> None:
         """A pack's worker has started with its first cell."""
         running = self.running[trial]
-        running.pid, running.node, running.since = pid, node, time.monotonic()
+        running.pid, running.node, running.since = pid, node, clock.monotonic()
 
     def on_outcomes(self, trial: str, outcomes: Iterable[Outcome]) -> None:
         """Some cells of a pack have ended, and the next one begins."""
         if trial in self.running:
-            self.running[trial].since = time.monotonic()
+            self.running[trial].since = clock.monotonic()
         for outcome in outcomes:
             kind = outcome.cell.agent, outcome.cell.task
             count, total = self._seconds[kind]
@@ -139,7 +139,7 @@ class WorkQueue:
         """The packs whose present cell has taken too long, each once."""
         if self.time_limit is None:
             return []
-        now = time.monotonic()
+        now = clock.monotonic()
         late = [r for r in self.running.values() if r.since is not None and now - r.since > self.limit(r.pack)]
         late = [running for running in late if not running.killed]
         for running in late:
@@ -170,7 +170,7 @@ class WorkQueue:
 
     def _lost(self, cell: Cell, running: Running, why: str) -> LostOutcome | None:
         """Count a loss of the cell's worker; its failure, or None where it may be tried again."""
-        seconds = time.monotonic() - (running.since or time.monotonic())
+        seconds = clock.monotonic() - (running.since or clock.monotonic())
         self._losses[cell.id] += 1
         if running.killed:
             return LostOutcome(cell, f"it took longer than its time limit of {self.time_limit:g} s", seconds)

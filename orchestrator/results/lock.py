@@ -8,19 +8,20 @@ from __future__ import annotations
 import json
 import os
 import threading
-import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import filelock
 
+from orchestrator import clock
 from orchestrator.errors import LeaseLostError
 from trainables.errors import InputError
+from trainables.storage import disk
 from trainables.storage.atomic import write_atomic
 from trainables.storage.paths import is_local
 
@@ -50,12 +51,12 @@ class Hold:
     lost: bool = False
     """Whether another holds the lease now."""
     _file: str = DRIVER
-    _seen: float = field(default_factory=time.monotonic)
+    _seen: float = field(default_factory=lambda: clock.monotonic())
     """When the lease was last known to be this holder's."""
 
     def check(self) -> None:
         """Raise LeaseLostError where the lease is another's now; look it up where that has not been done for long."""
-        if self.token and not self.lost and time.monotonic() - self._seen > LEASE_SECONDS / 2:
+        if self.token and not self.lost and clock.monotonic() - self._seen > LEASE_SECONDS / 2:
             with suppress(LookupError):
                 self.verify()
         if self.lost:
@@ -74,7 +75,7 @@ class Hold:
             raise LookupError(str(error)) from error
         if isinstance(there, dict) and there.get("token") != self.who["token"]:
             self.lost = True
-        self._seen = time.monotonic()
+        self._seen = clock.monotonic()
 
 
 @contextmanager
@@ -105,8 +106,7 @@ def driver(folder: Path) -> str | None:
 def _held(folder: Path, lock: str, file: str, what: str, on_lost: Callable[[], None] = lambda: None) -> Iterator[Hold]:
     with _file_lock(folder, lock, file, what) if is_local(folder) else _lease(folder, file, what) as hold:
         gone = threading.Event()
-        keeper = threading.Thread(target=_keep, args=(hold, gone, on_lost), name="lease", daemon=True)
-        keeper.start()
+        keeper = clock.beside(partial(_keep, hold, gone, on_lost), "lease")
         try:
             yield hold
         finally:
@@ -114,7 +114,7 @@ def _held(folder: Path, lock: str, file: str, what: str, on_lost: Callable[[], N
             keeper.join()
             if not hold.lost:
                 with suppress(Exception):  # a storage that is away: the holder is dead in a minute
-                    (folder / file).unlink(missing_ok=True)
+                    disk.remove(folder / file)
 
 
 @contextmanager
@@ -138,7 +138,7 @@ def _lease(folder: Path, file: str, what: str) -> Iterator[Hold]:
     if before and (_alive(before) or _changes(folder, file, before)):
         raise _taken(what, _read(folder, file) or before)
     _write(folder, file, me)
-    time.sleep(SETTLE_SECONDS)
+    clock.sleep(SETTLE_SECONDS)
     there = _read(folder, file)
     if there is None or there.get("token") != me["token"]:
         raise _taken(what, there)
@@ -149,9 +149,9 @@ def _changes(folder: Path, file: str, before: Who) -> bool:
     """Return whether a holder whose sign of life looks old gives another: two machines' clocks need not agree."""
     if _here(before):
         return False
-    until = time.monotonic() + LEASE_SECONDS / 2
-    while time.monotonic() < until:
-        time.sleep(LEASE_SECONDS / 20)
+    until = clock.monotonic() + LEASE_SECONDS / 2
+    while clock.monotonic() < until:
+        clock.sleep(LEASE_SECONDS / 20)
         if _read(folder, file) != before:
             return True
     return False
@@ -159,18 +159,18 @@ def _changes(folder: Path, file: str, before: Who) -> bool:
 
 def _keep(hold: Hold, gone: threading.Event, on_lost: Callable[[], None]) -> None:
     """Give signs of life, as long as the lease is the holder's."""
-    while not gone.wait(LEASE_SECONDS / 4):
+    while not clock.wait(gone, LEASE_SECONDS / 4):
         with suppress(Exception):  # the storage is away for a moment
             if hold.token:
                 hold.verify()
             if hold.lost:
                 on_lost()
                 return
-            _write(hold.folder, hold._file, hold.who | {"alive": time.time()})
+            _write(hold.folder, hold._file, hold.who | {"alive": clock.time()})
 
 
 def _me() -> Who:
-    now = time.time()
+    now = clock.time()
     me = {"pid": os.getpid(), "host": os.uname().nodename, "machine": _machine(), "started": _started(os.getpid())}
     return me | {"since": now, "alive": now, "token": uuid.uuid4().hex}
 
@@ -179,7 +179,7 @@ def _alive(who: Who) -> bool:
     """Return whether a holder lives: a process of this machine is looked up, another has given a sign of life."""
     if _here(who):
         return _runs(int(who.get("pid", 0)), who.get("started"))
-    return abs(time.time() - float(who.get("alive", 0))) < LEASE_SECONDS
+    return abs(clock.time() - float(who.get("alive", 0))) < LEASE_SECONDS
 
 
 def _here(who: Who) -> bool:

@@ -9,7 +9,6 @@ ended, and runs again.
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +16,8 @@ from pathlib import Path
 
 from orchestrator.results.lock import Hold
 from orchestrator.results.record import Head, Record, read_head, read_record, split_line
-from trainables.storage.atomic import sync_folder, write_atomic
+from trainables.storage import disk
+from trainables.storage.atomic import append, write_atomic
 from trainables.storage.paths import is_local, read_range, sizes
 
 SEGMENT_BYTES = 64 * 2**20
@@ -116,7 +116,7 @@ class RecordLog:
         self._segment = None
         self._merge(old, 1 + max(map(_number, there), default=-1))
         for name in old:
-            (self.folder / name).unlink(missing_ok=True)
+            disk.remove(self.folder / name)
         self._rescan()
 
     def stamp(self) -> str:
@@ -144,18 +144,7 @@ class RecordLog:
             return path.name, 0
         if self._segment is None or self._segment.stat().st_size >= SEGMENT_BYTES:
             self._segment = self._next()
-        with open(self._segment, "ab") as file:
-            start = file.tell()
-            try:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            except OSError:
-                os.truncate(self._segment, start)
-                raise
-        if not start:
-            sync_folder(self.folder)
-        return self._segment.name, start
+        return self._segment.name, append(self._segment, data)
 
     def _next(self) -> Path:
         """Return a new segment; one listing, then this writer alone counts on."""

@@ -14,11 +14,11 @@ import hashlib
 import json
 import re
 import tempfile
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from orchestrator import clock
 from orchestrator.planning.arms import PLAIN, Label, configuration_id
 from orchestrator.results import checked_json, plugin_notes
 from orchestrator.results.checked_json import DamagedError, damaged, digest
@@ -90,7 +90,7 @@ class Results:
         if before and before["space"]["name"] != space.name:
             other = before["space"]["name"]
             raise InputError(f"the sweep '{self.name}' belongs to the search space '{other}': choose another --name")
-        created = before["created"] if before else self._planned_since() or time.time()
+        created = before["created"] if before else self._planned_since() or clock.time()
         meta = {"schema": 1, "name": self.name, "created": created, "space": space.to_json()}
         checked_json.write(self.folder / SWEEP, meta | {"commit": commit(), "versions": versions()}, indent=1)
         plugin_notes.keep(self.folder, space)

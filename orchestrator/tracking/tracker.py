@@ -6,10 +6,10 @@ import contextlib
 import logging
 import queue
 import threading
-import time
 from collections.abc import Iterable
 from pathlib import Path
 
+from orchestrator import clock
 from orchestrator.analysis.findings import Findings
 from orchestrator.results.lock import writing_to_mlflow
 from orchestrator.results.record import Record
@@ -37,7 +37,7 @@ class Tracker:
         self._results, self.uri = results, uri
         self._queue: queue.Queue[tuple[str, Record] | None] = queue.Queue(maxsize=WAITING)
         self._closing = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: clock.Worker | None = None
         self._mirror: Mirror | None = None
         self._held = contextlib.ExitStack()
         self._holds = False
@@ -47,8 +47,7 @@ class Tracker:
     def record(self, stage: str, record: Record) -> None:
         """Queue the record of an ended cell."""
         if self._thread is None:
-            self._thread = threading.Thread(target=self._work, name="mlflow", daemon=True)
-            self._thread.start()
+            self._thread = clock.beside(self._work, "mlflow")
         try:
             self._queue.put_nowait((stage, record))
         except queue.Full:
@@ -91,15 +90,15 @@ class Tracker:
 
         What one process has found there is no longer so once another writes. patience: seconds to wait for the other.
         """
-        deadline = time.monotonic() + patience
+        deadline = clock.monotonic() + patience
         while not self._holds:
             try:
                 self._held.enter_context(writing_to_mlflow(self._results.folder))
                 self._holds = True
             except InputError:
-                if time.monotonic() >= deadline:
+                if clock.monotonic() >= deadline:
                     raise
-                time.sleep(0.2)
+                clock.sleep(0.2)
         return Mirror(self._results, self.uri)
 
     def _work(self) -> None:
@@ -107,7 +106,7 @@ class Tracker:
         item: tuple[str, Record] | None = None
         while not self._closing.is_set():
             with contextlib.suppress(queue.Empty):
-                item = item or self._queue.get(timeout=0.2)
+                item = item or clock.take(self._queue, 0.2)
             if item is None:
                 continue
             try:
@@ -116,7 +115,7 @@ class Tracker:
             except Exception as error:
                 _log("MLflow is tried again later", error)
                 self.error, self._mirror = error, None
-                self._closing.wait(pause)
+                clock.wait(self._closing, pause)
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     def _write(self, stage: str, record: Record) -> None:

@@ -1,11 +1,11 @@
-"""Files that are either whole or not there."""
+"""Files that are either whole or not there, and lines that are there for good once they are written."""
 
 from __future__ import annotations
 
-import os
 import secrets
 from pathlib import Path
 
+from trainables.storage import disk
 from trainables.storage.paths import is_local
 
 
@@ -15,30 +15,33 @@ def write_atomic(path: Path, data: bytes) -> None:
     A new file has the mode that the process's umask gives, as any other file has.
     """
     if not is_local(path):
-        path.write_bytes(data)  # an object store puts an object whole or not at all
+        disk.put(path, data)
         return
     beside = path.parent / f".{path.name}.{secrets.token_hex(6)}"
     try:
-        with open(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
+        with disk.create(beside) as file:
+            disk.write(file, data)
+            disk.sync(file)
+        disk.replace(beside, path)
     except BaseException:
-        beside.unlink(missing_ok=True)
+        disk.remove(beside)
         raise
-    sync_folder(path.parent)
+    disk.sync_folder(path.parent)
 
 
-def sync_folder(folder: Path) -> None:
-    """Make new names in `folder` last, where the system lets a folder be synchronised."""
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(descriptor)
-    except OSError:
-        pass
-    finally:
-        os.close(descriptor)
+def append(path: Path, data: bytes) -> int:
+    """Append `data` to a file on a disk, made where it is missing; the offset at which it begins.
+
+    When this returns the data is there for good. OSError where the disk refuses it: the file is as it was.
+    """
+    with disk.extend(path) as file:
+        start = file.tell()
+        try:
+            disk.write(file, data)
+            disk.sync(file)
+        except OSError:
+            disk.truncate(path, start)
+            raise
+    if not start:
+        disk.sync_folder(path.parent)
+    return start

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.execution import work_queue
-from orchestrator.execution.work_queue import MAX_PACK_SIZE, MAX_WORKER_LOSSES, CellStatus, Pack, WorkQueue
+from orchestrator import clock
+from orchestrator.execution.work_queue import FIRST_GUESS, MAX_PACK_SIZE, MAX_WORKER_LOSSES, CellStatus, Pack, WorkQueue
 from trainables import curve
 from trainables.cell import Cell
 from trainables.training.cell_run import Outcome
@@ -84,7 +84,7 @@ def test_packs_grow_to_their_target_and_no_further() -> None:
         sizes.append(len(pack.cells))
         queue.on_outcomes(str(number), [Outcome.of(cell, "", curve.columns([]), 0.001) for cell in pack.cells])
         queue.on_completed(str(number))
-    assert sizes[0] == work_queue.FIRST_GUESS
+    assert sizes[0] == FIRST_GUESS
     assert sizes[1:] == [MAX_PACK_SIZE] * 3
 
 
@@ -112,7 +112,7 @@ def test_a_cell_that_gets_further_each_time_never_fails_for_its_nodes() -> None:
 
 def test_only_what_takes_too_long_is_overdue_and_only_once(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
-    monkeypatch.setattr(work_queue.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(clock, "monotonic", lambda: now[0])
     book = Book()
     queue = book.queue(CELLS[:2], time_limit=10)
     assert queue.next("a")

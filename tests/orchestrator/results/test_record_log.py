@@ -15,6 +15,7 @@ from orchestrator.results.record import split_line
 from orchestrator.results.record_log import RecordLog
 from orchestrator.results.sweep_folder import Results
 from tests.orchestrator.records import record
+from trainables.storage import disk
 
 
 @pytest.fixture
@@ -110,7 +111,7 @@ def test_a_disk_that_is_full_leaves_no_half_line(log: RecordLog, monkeypatch: py
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(record_log.os, "fsync", full)
+        patch.setattr(disk, "sync", full)
         with pytest.raises(OSError, match="No space left"):
             log.append([record(1)])
     assert list(log.heads()) == [record(0).cell.id]

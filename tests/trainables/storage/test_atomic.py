@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from trainables.storage import atomic
+from trainables.storage import disk
 from trainables.storage.atomic import write_atomic
 
 
@@ -28,7 +28,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, mon
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(atomic.os, "fsync", full)
+        patch.setattr(disk, "sync", full)
         with pytest.raises(OSError, match="No space left"):
             write_atomic(tmp_path / "file", b"new")
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"old")]
