@@ -25,19 +25,11 @@ if TYPE_CHECKING:
     from search_spaces import SearchSpace
     from search_spaces import load as load_space
     from trainables.agents.agent import Agent
-    from trainables.agents.hyperparameters import (
-        DQN,
-        Count,
-        ExplicitShaping,
-        Hyperparameters,
-        NonNegative,
-        Positive,
-        Probability,
-        QLearning,
-        Rate,
-        Threshold,
-        Transfer,
-    )
+    from trainables.agents.base import Count, Hyperparameters, NonNegative, Positive, Probability, Rate
+    from trainables.agents.builtin.dqn import DQN
+    from trainables.agents.builtin.explicit_shaping import ExplicitShaping
+    from trainables.agents.builtin.gates import Threshold
+    from trainables.agents.builtin.q_learning import QLearning, Transfer
     from trainables.cell import Cell, Source
     from trainables.curve import EvalPoint
     from trainables.delta.bounds import bounds

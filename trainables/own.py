@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 from trainables.agents.agent import Agent
-from trainables.agents.hyperparameters import Hyperparameters
+from trainables.agents.base import Hyperparameters
 from trainables.agents.plots import Plot
 from trainables.errors import InputError
 from trainables.plugins.loader import pin

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from deltatune.cli.app import err, out, print_json, print_named
-from deltatune.cli.tables import duration, span, table
+from deltatune.cli.sheet import table
+from deltatune.cli.tables import duration, span
 from orchestrator.cluster.resources import own_cpus
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.settings import Settings

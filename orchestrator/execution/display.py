@@ -18,7 +18,7 @@ from rich.table import Column
 
 from orchestrator.results import driver_log, progress
 from orchestrator.results.progress import Progress, Snapshot
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from trainables.storage.paths import is_local
 from trainables.training import worker
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from orchestrator.cluster.resources import Resources
 from orchestrator.planning.arms import Params
 from orchestrator.planning.source_choice import Runs
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 
 OnRecord = Callable[[str, Record], None]
 """Is told the stage and the record of each cell as it ends."""

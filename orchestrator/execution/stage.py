@@ -11,10 +11,10 @@ from rich.console import Console
 
 from orchestrator.errors import InterruptedSweepError, SweepError
 from orchestrator.execution.display import Display
-from orchestrator.execution.early_stopping import EarlyStopping
-from orchestrator.execution.executor import Executor, Workplace, executor
+from orchestrator.execution.executors.early_stopping import EarlyStopping
+from orchestrator.execution.executors.executor import Executor, Workplace, executor
+from orchestrator.execution.executors.monitor import OutcomeSink, StageMonitor
 from orchestrator.execution.ledger import Ledger
-from orchestrator.execution.monitor import OutcomeSink, StageMonitor
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.work_queue import CellStatus, Pack, WorkQueue
 from orchestrator.planning.arms import Arm

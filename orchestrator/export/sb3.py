@@ -8,7 +8,7 @@ from typing import Any
 
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.agents.registry import agent_named
 
 SAME = {

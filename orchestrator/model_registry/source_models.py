@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from orchestrator.analysis.learning import learned_nothing
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
 from trainables.cell import Cell, content_id

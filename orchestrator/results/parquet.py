@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from trainables.storage.paths import is_local
 
 ROWS = 200_000

@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from trainables.curve import auc
 from trainables.plugins.names import short
 from trainables.storage.atomic import write_atomic

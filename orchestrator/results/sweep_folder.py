@@ -23,8 +23,8 @@ from orchestrator.planning.arms import PLAIN, Label, configuration_id
 from orchestrator.results import checked_json, plugin_notes
 from orchestrator.results.checked_json import DamagedError, damaged, digest
 from orchestrator.results.provenance import commit, versions
-from orchestrator.results.record import Head, Record
-from orchestrator.results.record_log import RecordLog
+from orchestrator.results.records.record import Head, Record
+from orchestrator.results.records.record_log import RecordLog
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from orchestrator.results.record import Record, read_record, split_line
+from orchestrator.results.records.record import Record, read_record, split_line
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.errors import InputError, unknown

@@ -96,7 +96,7 @@ def _bench(task: Task, entries: Sequence[Entry], gamma: float, seed: int) -> Ben
 
         shape = task_shape(task)
         return TabularBench(task.name, [(e.cell.task, e.knowledge.q_table(shape)) for e in entries], gamma, seed)
-    from trainables.agents.hyperparameters import DQN
+    from trainables.agents.builtin.dqn import DQN
     from trainables.networks.network import source_network
     from trainables.source_ranking.deep import DeepBench
 

@@ -10,7 +10,7 @@ from typing import Any
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import run_name
 from orchestrator.analysis.metrics import METRICS
-from orchestrator.results.record import Head
+from orchestrator.results.records.record import Head
 
 CELL_METRICS = (
     *("auc", "training_auc", "initial_return", "final_return", "asymptotic"),

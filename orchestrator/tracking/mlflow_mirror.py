@@ -31,7 +31,7 @@ from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import cell_name, group_name
 from orchestrator.errors import SweepError
 from orchestrator.results.lock import writing_to_mlflow
-from orchestrator.results.record import Head, Record
+from orchestrator.results.records.record import Head, Record
 from orchestrator.results.sweep_folder import Results, cell_row
 from orchestrator.tracking.description import markdown
 from orchestrator.tracking.mlflow_experiment import find_experiment

@@ -12,7 +12,7 @@ from pathlib import Path
 from orchestrator import clock
 from orchestrator.analysis.findings import Findings
 from orchestrator.results.lock import writing_to_mlflow
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow_mirror import Mirror, sync
 from trainables.errors import InputError

@@ -13,7 +13,7 @@ from conftest import CELLS, record_lines, set_record_lines
 from harness import assert_same, sweep
 
 from orchestrator.errors import SweepError
-from orchestrator.results import record_log
+from orchestrator.results.records import record_log
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
 from trainables.errors import InputError

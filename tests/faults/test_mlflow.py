@@ -19,7 +19,7 @@ from mlflow.tracking import MlflowClient
 
 from benchmarks.tracking_server import TrackingServer
 from orchestrator.analysis.findings import find
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking import mlflow_mirror, tracker
 from orchestrator.tracking.tracker import Tracker

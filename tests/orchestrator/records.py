@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from trainables import curve
 from trainables.cell import Cell
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.delta.sample import chosen
 from trainables.errors import InputError
 from trainables.networks.network import Network

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.agents.hyperparameters import DeltaSelect
+from trainables.agents.builtin.delta_select import DeltaSelect
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.delta.sample import delta_sample

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.agents.hyperparameters import DeltaSelectShaping
+from trainables.agents.builtin.delta_select_es import DeltaSelectShaping
 from trainables.cell import Cell
 from trainables.delta.noise_floor import self_delta
 from trainables.delta.sample import delta_samples

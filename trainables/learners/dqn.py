@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.agents.named import entry
 from trainables.cell import Cell
 from trainables.curve import EvalPoint

@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.agents.hyperparameters import ConfidenceGate, DeltaGate, ProbabilisticPolicyReuse, QLearning, Transfer
+from trainables.agents.builtin.gates import ConfidenceGate, DeltaGate
+from trainables.agents.builtin.ppr import ProbabilisticPolicyReuse
+from trainables.agents.builtin.q_learning import QLearning, Transfer
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.delta import tabular_estimator

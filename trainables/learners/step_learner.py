@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.agents.hyperparameters import QLearning
+from trainables.agents.builtin.q_learning import QLearning
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.evaluation import expected_return

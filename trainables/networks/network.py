@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
 from trainables.networks.numba_qnetwork import QNetwork

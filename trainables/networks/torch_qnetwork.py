@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.errors import InputError
 from trainables.numerics.matmul import F32
 from trainables.numerics.threads import one_thread

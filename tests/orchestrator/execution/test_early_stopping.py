@@ -14,7 +14,7 @@ from rich.console import Console
 
 from orchestrator.analysis.groups import groups
 from orchestrator.analysis.selection import select
-from orchestrator.execution.early_stopping import EarlyStopping, MedianStopping, Rule, SuccessiveHalving
+from orchestrator.execution.executors.early_stopping import EarlyStopping, MedianStopping, Rule, SuccessiveHalving
 from orchestrator.execution.settings import RunSummary
 from orchestrator.execution.sweep import run
 from orchestrator.planning.arms import Arm

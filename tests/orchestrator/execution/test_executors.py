@@ -18,7 +18,8 @@ import yaml
 from conftest import CELLS, LOCAL, SPACE, timeless
 from rich.console import Console
 
-from orchestrator.execution import interrupt, process_pool
+from orchestrator.execution import interrupt
+from orchestrator.execution.executors import process_pool
 from orchestrator.execution.interrupt import Interrupt
 from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run
@@ -93,8 +94,8 @@ def test_a_sweep_of_a_machine_without_ray(tmp_path: Path) -> None:
 
 
 def test_a_cell_over_its_time_limit_fails_at_its_next_evaluation_in_this_process(tmp_path: Path) -> None:
-    from orchestrator.execution import executor
-    from orchestrator.execution.in_process import InProcessExecutor
+    from orchestrator.execution.executors import executor
+    from orchestrator.execution.executors.in_process import InProcessExecutor
 
     slow = {"episodes": [10**7], "evaluate_every": [10**4]}
     with pytest.MonkeyPatch.context() as patch:

@@ -19,7 +19,7 @@ from orchestrator.execution import session
 from orchestrator.execution.session import SweepSession
 from orchestrator.execution.settings import RunSummary
 from orchestrator.results.lock import driver, locked
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.tracker import Tracker
 from search_spaces.search_space import SearchSpace

@@ -14,7 +14,7 @@ import pytest
 from orchestrator.errors import LeaseLostError
 from orchestrator.results import lock
 from orchestrator.results.lock import DRIVER, driver, locked, writing_to_mlflow
-from orchestrator.results.record_log import RecordLog
+from orchestrator.results.records.record_log import RecordLog
 from tests.orchestrator.records import record
 from trainables.errors import InputError
 from trainables.storage.paths import storage_path

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from orchestrator.results.progress import Progress
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from trainables import curve
 from trainables.cell import Cell
 from trainables.curve import EvalPoint

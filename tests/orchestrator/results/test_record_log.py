@@ -10,9 +10,9 @@ from conftest import CELLS, record_lines, set_record_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.results import record_log
-from orchestrator.results.record import split_line
-from orchestrator.results.record_log import RecordLog
+from orchestrator.results.records import record_log
+from orchestrator.results.records.record import split_line
+from orchestrator.results.records.record_log import RecordLog
 from orchestrator.results.sweep_folder import Results
 from tests.orchestrator.records import record
 from trainables.storage import disk

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from orchestrator.results.record import Record
+from orchestrator.results.records.record import Record
 from orchestrator.sources.archive import MANIFEST, export_sources, import_sources
 from orchestrator.sources.library import SourceLibrary, read_entry, row
 from trainables import curve

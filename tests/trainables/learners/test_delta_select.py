@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trainables import curve
-from trainables.agents.hyperparameters import DeltaSelectShaping
+from trainables.agents.builtin.delta_select_es import DeltaSelectShaping
 from trainables.cell import Cell, Source
 from trainables.delta.exact import exact_q
 from trainables.errors import InputError

@@ -17,7 +17,7 @@ import pytest
 import torch
 
 from trainables.agents import registry
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.cell import Cell, Source
 from trainables.curve import EvalPoint
 from trainables.errors import InputError, TrainingError

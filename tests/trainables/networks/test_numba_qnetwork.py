@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.errors import InputError
 from trainables.networks.adam import adam
 from trainables.networks.numba_qnetwork import QNetwork

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.cell import Cell
 from trainables.delta.exact import exact_delta, exact_q, policy_q
 from trainables.delta.noise_floor import episode_of

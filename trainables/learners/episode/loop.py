@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.learners.advice import Advice, ExplicitShaping, Follows, SourceAdvantage
 from trainables.learners.episode.kernel import (
     ACT,

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from orchestrator.execution.executor import Workplace
+from orchestrator.execution.executors.executor import Workplace
+from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.interrupt import Interrupt
-from orchestrator.execution.monitor import StageMonitor
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.work_queue import Pack
 from trainables.numerics.threads import one_thread

@@ -24,7 +24,7 @@ Names = Annotated[
 @sources.command("list")
 def list_(names: Names = None, storage: Storage = RESULTS, as_json: Json = False) -> None:
     """List what is trained: task, agent, seed, returns, versions, size. Every checksum is checked on the way."""
-    from deltatune.cli.tables import table
+    from deltatune.cli.sheet import table
     from orchestrator.sources.library import SourceLibrary, row
 
     data = [row(entry) for entry in SourceLibrary(storage).find(names or [])]
@@ -182,7 +182,7 @@ def rank(
 
 
 def _print_ranking(data: dict[str, Any]) -> None:
-    from deltatune.cli.tables import table
+    from deltatune.cli.sheet import table
 
     columns: tuple[str, ...] = ("id", "source task", "seed", "discounted return [95%]", "advantage kept [at least]")
     columns += ("|delta|", "|delta| at home", "episodes", "verdict")

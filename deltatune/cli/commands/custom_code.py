@@ -22,7 +22,7 @@ def check(task: TASK, as_json: Json = False) -> None:
 
     The file of FILE.py:NAME is run.
     """
-    from deltatune.cli.tables import table
+    from deltatune.cli.sheet import table
     from deltatune.cli.task_cost import task_costs
     from trainables.plugins.loader import canonicalise
     from trainables.tasks.env_checker import check as findings

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, Sweep, app, out, print_json, program
-from deltatune.cli.tables import duration, table
+from deltatune.cli.sheet import table
+from deltatune.cli.tables import duration
 
 if TYPE_CHECKING:
     from orchestrator.results.sweep_folder import Results

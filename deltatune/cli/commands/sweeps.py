@@ -40,7 +40,7 @@ def status(
     as_json: Json = False,
 ) -> None:
     """Show how far a sweep is: cells done, failed, stopped early and missing by stage, and why cells failed."""
-    from deltatune.cli.tables import table
+    from deltatune.cli.sheet import table
     from orchestrator.results.status import KEYS, sweep_status, sweeps
 
     found = [sweep_status(results) for results in sweeps(storage, name)]

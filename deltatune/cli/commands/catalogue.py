@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltatune.cli.app import CATALOGUE_PANEL, Json, app, out, print_json, print_named, program
-from deltatune.cli.tables import table
+from deltatune.cli.sheet import table
 
 if TYPE_CHECKING:
     from trainables.agents.agent import Agent

@@ -36,7 +36,7 @@ def submit(
     from orchestrator.process_env import prepare
 
     prepare(joins_cluster=True)
-    from deltatune.cli.sweep import wanted_space
+    from deltatune.cli.commands.sweep import wanted_space
     from orchestrator.cluster import jobs
     from trainables.storage.folders import absolute
     from trainables.storage.paths import storage_path

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from orchestrator.execution.display import Display
-from orchestrator.execution.early_stopping import EarlyStopping
+from orchestrator.execution.executors.early_stopping import EarlyStopping
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary
 from orchestrator.execution.work_queue import Pack, Running, WorkQueue

@@ -17,9 +17,9 @@ from ray.tune.search import Searcher
 from rich.console import Console
 
 from orchestrator.cluster import connection, nodes
-from orchestrator.execution.executor import Workplace
+from orchestrator.execution.executors.executor import Workplace
+from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.interrupt import Interrupt
-from orchestrator.execution.monitor import StageMonitor
 from orchestrator.execution.settings import Settings
 from trainables.storage.folders import make_folder
 from trainables.training.ray_tune import METRIC, TIME, run_cells

@@ -17,9 +17,9 @@ from typing import Any
 from rich.console import Console
 
 from orchestrator.cluster.resources import own_cpus
-from orchestrator.execution.executor import Workplace
+from orchestrator.execution.executors.executor import Workplace
+from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.interrupt import Interrupt
-from orchestrator.execution.monitor import StageMonitor
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.work_queue import Pack
 from trainables.storage.folders import make_folder

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from rich.console import Console
 
-from orchestrator.execution.monitor import StageMonitor
+from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.settings import Settings
 from trainables.training.worker import WorkerPayload
 
@@ -41,10 +41,10 @@ class Executor(Protocol):
 def executor(settings: Settings) -> Executor:
     """Return the executor that the settings ask for. Ray is imported only where it is the one."""
     if not settings.local:
-        module, name = "orchestrator.execution.tune_runner", "TuneExecutor"
+        module, name = "orchestrator.execution.executors.tune_runner", "TuneExecutor"
     elif settings.workers == 1 and settings.time_limit is None:
-        module, name = "orchestrator.execution.in_process", "InProcessExecutor"
+        module, name = "orchestrator.execution.executors.in_process", "InProcessExecutor"
     else:
-        module, name = "orchestrator.execution.process_pool", "ProcessPoolExecutor"
+        module, name = "orchestrator.execution.executors.process_pool", "ProcessPoolExecutor"
     made: Callable[[Settings], Executor] = getattr(import_module(module), name)
     return made(settings)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from orchestrator.results.lock import Hold
-from orchestrator.results.record import Head, Record, read_head, read_record, split_line
+from orchestrator.results.records.record import Head, Record, read_head, read_record, split_line
 from trainables.storage import disk
 from trainables.storage.atomic import append, write_atomic
 from trainables.storage.paths import is_local, read_range, sizes
