@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import pandas as pd
@@ -56,6 +57,12 @@ def publish(results: Results) -> Published:
             missing.append(f"report ({type(error).__name__}: {error})")
         files = [there / path.relative_to(folder).as_posix() for path in drawn]
     return Published(findings, files[0] if files else None, files[1:], best, missing)
+
+
+def load() -> None:
+    """Import what `publish` imports where it needs it, which takes seconds the first time."""
+    for module in ("dashboards.renderers.matplotlib_renderer", "dashboards.report.sections"):
+        import_module(module)
 
 
 def artifacts(results: Results) -> list[Path]:

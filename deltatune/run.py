@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from deltatune.publish import artifacts, publish
+from deltatune.publish import load as load_renderers
 from deltatune.sweep_results import SweepResults
 from orchestrator.errors import InterruptedSweepError
 from orchestrator.execution.session import SweepSession
@@ -50,7 +51,7 @@ def sweep(
     uri = store_uri(folder, tracking_uri) if mlflow else None
     console = Console(stderr=True, quiet=not progress, highlight=False, markup=False)
     with SweepSession.open(folder, name or chosen.name, chosen, tracking_uri=uri, console=console) as session:
-        if session.run(settings).left:
+        if session.run(settings, meanwhile=load_renderers).left:
             raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to go on")
         published = publish(session.results)
         session.finish(published.findings, artifacts(session.results))

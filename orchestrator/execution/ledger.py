@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from orchestrator import clock
 from orchestrator.planning.arms import Arm, labels_of
@@ -21,6 +20,9 @@ from trainables.curve import auc
 from trainables.knowledge import Knowledge
 from trainables.storage import disk
 from trainables.training.cell_run import Outcome
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Ledger:
@@ -142,6 +144,8 @@ class Ledger:
 
     def table(self, cells: Iterable[Cell], stage: str) -> pd.DataFrame:
         """The cells table of some cells."""
+        import pandas as pd
+
         return pd.DataFrame([cell_row(stage, cell, self._heads.get(cell.id)) for cell in cells])
 
     def close(self) -> None:

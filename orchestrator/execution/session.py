@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 import signal
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from orchestrator.analysis.findings import Findings
 from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
 from orchestrator.execution.interrupt import stop_now
 from orchestrator.execution.settings import RunSummary, Settings
@@ -20,10 +19,14 @@ from orchestrator.execution.sweep import run_held
 from orchestrator.model_registry import pretrained
 from orchestrator.results.driver_log import logging_to
 from orchestrator.results.lock import Hold, locked
+from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.tracker import Tracker
 from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError
+
+if TYPE_CHECKING:
+    from orchestrator.analysis.findings import Findings
 
 log = logging.getLogger("deltatune.session")
 
@@ -70,9 +73,20 @@ class SweepSession:
             finally:
                 session._end("KILLED")
 
-    def run(self, settings: Settings) -> RunSummary:
-        """Run what is missing; see `run_held`. A tally with `left` is of a run that was interrupted."""
-        record = self.tracker.record if self.tracker else lambda stage, record: None
+    def run(self, settings: Settings, meanwhile: Callable[[], object] = lambda: None) -> RunSummary:
+        """Run what is missing; see `run_held`. A tally with `left` is of a run that was interrupted.
+
+        meanwhile: called in a thread of its own when the first cell has ended, to import what the end needs, say.
+        """
+        begun: list[threading.Thread] = []
+
+        def record(stage: str, record: Record) -> None:
+            if not begun:
+                begun.append(threading.Thread(target=_quietly, args=(meanwhile,), name="meanwhile", daemon=True))
+                begun[0].start()
+            if self.tracker:
+                self.tracker.record(stage, record)
+
         tally = run_held(self.results, settings, self._console, record)
         if tally.left:
             try:
@@ -122,6 +136,14 @@ class SweepSession:
         if not self._ended and self.tracker is not None:
             self.tracker.stop(None if self._hold.lost else status)
         self._ended = True
+
+
+def _quietly(work: Callable[[], object]) -> None:
+    """Do what may fail: whoever needs it fails then, and says so."""
+    try:
+        work()
+    except Exception as error:
+        log.info("%s: %s", type(error).__name__, error)
 
 
 @contextmanager

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from orchestrator.analysis.groups import groups
-from orchestrator.analysis.selection import select
 from orchestrator.execution.ledger import Ledger
 from orchestrator.planning.arms import Arm
 from orchestrator.planning.plan import SOURCE
@@ -18,6 +16,9 @@ def choose(ledger: Ledger, arm: Arm, planned: Iterable[Cell]) -> SourceChoice:
 
     Where no configuration has all its seeds, the source is lost, and the choice says why.
     """
+    from orchestrator.analysis.groups import groups
+    from orchestrator.analysis.selection import select
+
     cells = [cell for cell in planned if arm.owns(cell)]
     table = ledger.table(cells, SOURCE)
     selected = select(groups(table), table).get(arm.key)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -18,7 +18,6 @@ from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.work_queue import CellStatus, Pack, WorkQueue
 from orchestrator.planning.arms import Arm
-from orchestrator.planning.search import Tuned
 from orchestrator.results.driver_log import logging_to
 from orchestrator.results.sweep_folder import Results
 from trainables.agents.registry import agent_named
@@ -27,6 +26,9 @@ from trainables.plugins import loader
 from trainables.training.cell_run import lost
 from trainables.training.train import source_knowledge
 from trainables.training.worker import WorkerPayload
+
+if TYPE_CHECKING:
+    from orchestrator.planning.search import Tuned
 
 Arrays = dict[str, Any]
 
@@ -65,7 +67,7 @@ class Stages:
         """Run what is missing; InterruptedSweepError where something is left."""
         ledger = self._ledger
         tuned = [arm for arm in work.arms if arm.ranges]
-        searches = [Tuned(arm, self._space.search, ledger.searched(arm), ledger.score) for arm in tuned]
+        searches = [self._search(arm) for arm in tuned]
         total = len(work.missing) + sum(search.left * len(search.arm.seeds) for search in searches)
         if not total:
             return
@@ -90,6 +92,11 @@ class Stages:
         ledger.plan(work.stage, ledger.planned(work.stage))
         if any(not ledger.ended(cell, work.keep) for cell in ledger.planned(work.stage)):
             raise InterruptedSweepError
+
+    def _search(self, arm: Arm) -> Tuned:
+        from orchestrator.planning.search import Tuned
+
+        return Tuned(arm, self._space.search, self._ledger.searched(arm), self._ledger.score)
 
     def lose(self, stage: str, cells: Iterable[tuple[Cell, str]]) -> None:
         """Write down cells that cannot run, each with the reason, as failed."""

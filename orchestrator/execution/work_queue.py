@@ -10,12 +10,15 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from orchestrator import clock
-from orchestrator.planning.search import Tuned
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.training.cell_run import Outcome
+
+if TYPE_CHECKING:
+    from orchestrator.planning.search import Tuned
 
 TARGET_SECONDS = 4.0
 """What a trial should take at least: its start and end cost the driver about a twentieth of a second."""

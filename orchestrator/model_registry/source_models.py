@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from orchestrator.analysis.learning import learned_nothing
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
@@ -32,6 +31,8 @@ class SourceModel:
 
     def tags(self, sweep: str) -> dict[str, str]:
         """Return what the version's tags say; `steps` and `hyperparameters` are JSON."""
+        from orchestrator.analysis.learning import learned_nothing  # imports pandas and scipy
+
         nothing = learned_nothing(self.record.returns)
         return {
             **({"learned": nothing} if nothing else {}),

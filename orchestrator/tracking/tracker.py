@@ -8,14 +8,17 @@ import queue
 import threading
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from orchestrator import clock
-from orchestrator.analysis.findings import Findings
 from orchestrator.results.lock import writing_to_mlflow
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking.mlflow_mirror import Mirror, sync
 from trainables.errors import InputError
+
+if TYPE_CHECKING:  # MLflow takes seconds to import: while cells run, in the thread that writes
+    from orchestrator.analysis.findings import Findings
+    from orchestrator.tracking.mlflow_mirror import Mirror
 
 WAITING = 200
 """Records that wait for MLflow at the most. What comes on top is written at the end, from the disk."""
@@ -57,6 +60,8 @@ class Tracker:
         """Write all that is missing; the parent run's id, None where MLflow has failed."""
         self._close()
         try:
+            from orchestrator.tracking.mlflow_mirror import sync
+
             self._mirror = self._mirror or self._connected(PATIENCE)
             parent = sync(findings, self.uri, artifacts, self._mirror)
         except Exception as error:
@@ -99,6 +104,8 @@ class Tracker:
                 if clock.monotonic() >= deadline:
                     raise
                 clock.sleep(0.2)
+        from orchestrator.tracking.mlflow_mirror import Mirror
+
         return Mirror(self._results, self.uri)
 
     def _work(self) -> None:

@@ -60,7 +60,6 @@ def sweep(
         from orchestrator.process_env import prepare
 
         prepare(joins_cluster=address is not None)
-        from deltatune.cli.sweep_report import interrupted, report
         from orchestrator.cluster.resources import Resources
         from orchestrator.execution.session import SweepSession
         from orchestrator.execution.settings import Settings
@@ -98,10 +97,19 @@ def sweep(
 
         check_address(address)
     with SweepSession.open(storage, name, chosen, sources=sources, tracking_uri=uri, console=console) as session:
-        tally = session.run(how)
+        tally = session.run(how, meanwhile=_load_report)
+        from deltatune.cli.sweep_report import interrupted, report
+
         if tally.left:
             interrupted(session, tally, as_json)
         report(session, tally, as_json)
+
+
+def _load_report() -> None:
+    """Import what the end of a sweep needs: while its cells run, which the driver only waits for."""
+    from deltatune.publish import load
+
+    load()
 
 
 def wanted_space(text: str) -> SearchSpace:

@@ -41,7 +41,7 @@ class Executor(Protocol):
 def executor(settings: Settings) -> Executor:
     """Return the executor that the settings ask for. Ray is imported only where it is the one."""
     if not settings.local:
-        module, name = "orchestrator.execution.executors.tune_runner", "TuneExecutor"
+        module, name = "orchestrator.execution.executors.ray_executor", "RayExecutor"
     elif settings.workers == 1 and settings.time_limit is None:
         module, name = "orchestrator.execution.executors.in_process", "InProcessExecutor"
     else:

@@ -7,67 +7,43 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Mapping
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from ray import tune
 from ray.tune.schedulers import FIFOScheduler, TrialScheduler
 from ray.tune.search import Searcher
-from rich.console import Console
 
 from orchestrator.cluster import connection, nodes
-from orchestrator.execution.executors.executor import Workplace
+from orchestrator.cluster.resources import Resources
 from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.interrupt import Interrupt
-from orchestrator.execution.settings import Settings
-from trainables.storage.folders import make_folder
 from trainables.training.ray_tune import METRIC, TIME, run_cells
 from trainables.training.worker import WorkerPayload
 
 
-class TuneExecutor:
-    """Runs packs as Tune's trials, over one connection to Ray."""
-
-    def __init__(self, settings: Settings) -> None:
-        self._settings = settings
-        self._checkpoints: Path | None = None
-
-    def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
-        """Connect to Ray, and see how many cells it takes at a time, and where checkpoints can be."""
-        settings, resources = self._settings, self._settings.resources
-        with console.status("starting Ray"):
-            stack.enter_context(connection.connected(settings.workers, settings.address, resources))
-            fits = nodes.capacity(resources, nodes.NODE_PATIENCE if settings.address else 0.0)
-            workers = min(settings.workers or fits, fits)
-            self._checkpoints = make_folder(checkpoints)
-            if blind := nodes.blind_nodes(checkpoints):
-                self._checkpoints = None
-                console.print(f"no checkpoints: {', '.join(blind)} cannot see {checkpoints}", style="yellow")
-        return Workplace(workers, settings.workers or (None if settings.address else workers), self._checkpoints)
-
-    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
-        """Run a stage."""
-        folder = tempfile.mkdtemp(prefix="deltatune-")
-        trainable = tune.with_parameters(run_cells, payload=payload)
-        with connection.watched_head(monitor.display.abandon), Interrupt(_end_tune, self._checkpoints) as interrupt:
-            tuner = tune.Tuner(
-                tune.with_resources(trainable, self._settings.resources.request()),
-                tune_config=tune.TuneConfig(
-                    search_alg=QueueSearcher(monitor),
-                    scheduler=EarlyStoppingScheduler(monitor),
-                    num_samples=-1,
-                    reuse_actors=True,
-                    trial_dirname_creator=lambda trial: str(trial.trial_id),
-                ),
-                run_config=tune.RunConfig(
-                    storage_path=folder, name="stage", verbose=0, callbacks=[SweepCallback(monitor, interrupt)]
-                ),
-            )
-            try:
-                tuner.fit()
-            finally:
-                shutil.rmtree(folder, ignore_errors=True)
+def run_stage(monitor: StageMonitor, payload: WorkerPayload, resources: Resources, checkpoints: Path | None) -> None:
+    """Run the queue as the trials of one `tune.Tuner`. checkpoints: the folder where workers look for STOP, or None."""
+    folder = tempfile.mkdtemp(prefix="deltatune-")
+    trainable = tune.with_parameters(run_cells, payload=payload)
+    with connection.watched_head(monitor.display.abandon), Interrupt(_end_tune, checkpoints) as interrupt:
+        tuner = tune.Tuner(
+            tune.with_resources(trainable, resources.request()),
+            tune_config=tune.TuneConfig(
+                search_alg=QueueSearcher(monitor),
+                scheduler=EarlyStoppingScheduler(monitor),
+                num_samples=-1,
+                reuse_actors=True,
+                trial_dirname_creator=lambda trial: str(trial.trial_id),
+            ),
+            run_config=tune.RunConfig(
+                storage_path=folder, name="stage", verbose=0, callbacks=[SweepCallback(monitor, interrupt)]
+            ),
+        )
+        try:
+            tuner.fit()
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 class _Unsaved:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import io
 import os
 import signal
+import subprocess
+import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -197,3 +200,22 @@ def test_a_report_that_cannot_be_drawn_costs_no_table(done: Path, monkeypatch: p
     assert (published.report, published.missing) == (None, ["report (MemoryError: )"])
     for name in ("best.yaml", "table.csv", "cells.parquet"):
         assert (done / "small" / name).exists()
+
+
+def test_what_the_end_needs_is_imported_while_cells_run(tmp_path: Path) -> None:
+    heavy = ("mlflow", "pandas", "matplotlib", "torch", "ray")
+    code = "import sys, orchestrator.execution.session, deltatune.cli.commands.sweep as s"
+    before = f"{code}; print([name for name in {heavy} if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", before], capture_output=True, text=True, check=True).stdout == "[]\n"
+    where, over = list[str](), threading.Event()
+
+    def load() -> None:
+        where.append(threading.current_thread().name)
+        over.set()
+        raise ImportError("whoever needs it says so")
+
+    with SweepSession.open(tmp_path, "small", space()) as now:
+        assert now.run(LOCAL, meanwhile=load).failed == 0
+        assert over.wait(10.0)
+        assert now.run(LOCAL, meanwhile=load).ran == 0, "nothing runs, so nothing is loaded beside it"
+    assert where == ["meanwhile"]

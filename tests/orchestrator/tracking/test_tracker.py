@@ -55,7 +55,6 @@ def store(monkeypatch: pytest.MonkeyPatch) -> Store:
         return found
 
     monkeypatch.setattr(mlflow_mirror, "Mirror", mirror)
-    monkeypatch.setattr(tracker, "Mirror", mirror)
     return made
 
 

@@ -1,0 +1,46 @@
+"""The executor that runs cells on Ray, this machine's own or a cluster's."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import ExitStack
+from importlib import import_module
+from pathlib import Path
+
+from rich.console import Console
+
+from orchestrator.cluster import connection, nodes
+from orchestrator.execution.executors.executor import Workplace
+from orchestrator.execution.executors.monitor import StageMonitor
+from orchestrator.execution.settings import Settings
+from trainables.storage.folders import make_folder
+from trainables.training.worker import WorkerPayload
+
+RUNNER = "orchestrator.execution.executors.tune_runner"
+"""Imports Ray Tune, which takes about as long as Ray takes to start: both are done at a time."""
+
+
+class RayExecutor:
+    """Runs packs as Tune's trials, over one connection to Ray."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._checkpoints: Path | None = None
+
+    def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
+        """Connect to Ray, and see how many cells it takes at a time, and where checkpoints can be."""
+        settings, resources = self._settings, self._settings.resources
+        threading.Thread(target=import_module, args=(RUNNER,), daemon=True).start()
+        with console.status("starting Ray"):
+            stack.enter_context(connection.connected(settings.workers, settings.address, resources))
+            fits = nodes.capacity(resources, nodes.NODE_PATIENCE if settings.address else 0.0)
+            workers = min(settings.workers or fits, fits)
+            self._checkpoints = make_folder(checkpoints)
+            if blind := nodes.blind_nodes(checkpoints):
+                self._checkpoints = None
+                console.print(f"no checkpoints: {', '.join(blind)} cannot see {checkpoints}", style="yellow")
+        return Workplace(workers, settings.workers or (None if settings.address else workers), self._checkpoints)
+
+    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
+        """Run a stage."""
+        import_module(RUNNER).run_stage(monitor, payload, self._settings.resources, self._checkpoints)
