@@ -1,26 +1,39 @@
-"""Every built-in search space, and one of custom code: loaded, narrowed to each of its agents and targets, and planned.
+"""Every built-in search space, and one of custom code: from loading to replay.
 
 A feature that was finished alone never met the others; here each meets every space.
 """
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from conftest import LOCAL
+from rich.console import Console
 
+from deltatune.publish import publish
+from orchestrator.execution.forecast import forecast
+from orchestrator.execution.replay import replay
+from orchestrator.execution.sweep import run
+from orchestrator.export import formats
 from orchestrator.planning.arms import Arm
 from orchestrator.planning.params import check_params, keys
 from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import settle, untrained
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking.mlflow_mirror import sync
+from orchestrator.tracking.uri import tracking_uri
 from search_spaces.loading import built_in, load, parse
 from search_spaces.narrow import narrow
 from search_spaces.search_space import SearchSpace
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
+from trainables.errors import InputError
 from trainables.tasks.registry import parse_task
+from trainables.training.throughput import measure
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 TANK, LEAK = "tank.py:Task", "tank.py:Task:leak=0.1"
@@ -111,3 +124,69 @@ def test_what_a_space_has_settled_is_what_it_runs(space: SearchSpace) -> None:
 def _first(arm: Arm) -> dict[str, Any]:
     """All hyperparameters of the arm's first configuration."""
     return agent_named(arm.agent).resolve(parse_task(arm.task), arm.first()).model_dump()
+
+
+MINIATURE: dict[str, Any] = {
+    "episodes": 4,
+    "evaluate_every": 2,
+    "evaluation_episodes": 1,
+    "hidden_size": 8,
+    "batch_size": 8,
+}
+"""What makes a cell of any agent last some milliseconds."""
+
+
+def miniature(space: SearchSpace) -> SearchSpace:
+    """One seed, one target of each scenario, each agent's first configuration, and a few episodes."""
+    data = narrow(space, seeds=1).to_json()
+    for scenario in data["scenarios"]:
+        scenario["targets"] = scenario["targets"][:1]
+        scenario["source"]["hyperparameters"] = _firsts(scenario["source"].get("hyperparameters", {}))
+    data["agents"] = {agent: _firsts(options) for agent, options in data["agents"].items()}
+    data["hyperparameters"] = _firsts(data.get("hyperparameters", {}))
+    data["search"] = {}
+    small = parse(space.name, data)
+    known = {name for agent in small.agents for name in agent_named(agent).hyperparameters.model_fields}
+    return narrow(small, hyperparameters={name: value for name, value in MINIATURE.items() if name in known})
+
+
+def _firsts(options: dict[str, Any]) -> dict[str, Any]:
+    """The first value of each option."""
+    return {name: option["values"][:1] if "values" in option else [option["low"]] for name, option in options.items()}
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_space_in_miniature_is_forecast_run_reported_exported_tracked_and_replayed(
+    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.execution.forecast.measure", functools.partial(measure, seconds=0.01))
+    small, storage = miniature(space), tmp_path / "storage"
+    storage.mkdir()
+    forecast(small, LOCAL, Results(storage / small.name), workers=1)
+    assert snapshot(storage) == {}
+    results = Results.create(storage, small.name, small)
+    summary = run(results, LOCAL, Console(quiet=True))
+    assert (summary.failed, summary.left) == (0, 0), [head.error for head in results.heads().values()]
+    assert summary.ran > 0
+    before = snapshot(storage)
+    ahead = forecast(small, LOCAL, results, workers=1)
+    assert [stage.cells - stage.done for stage in ahead.stages] == [0] * len(ahead.stages)
+    assert snapshot(storage) == before, "a dry run writes nothing"
+    published = publish(results)
+    assert published.report.exists()
+    deep = any(agent_named(name).kind == "deep" for name in small.agents)
+    for name in formats.FORMATS:
+        if name == "sb3" and not deep:
+            with pytest.raises(InputError, match="has no deep agent"):
+                formats.write(published.findings, name, tmp_path / f"out-{name}")
+        else:
+            formats.write(published.findings, name, tmp_path / f"out-{name}")
+    uri = tracking_uri(storage, None)
+    sync(published.findings, uri, [])
+    one = {cell.agent: cell for cells in results.plan().values() for cell in cells}
+    assert all(replay(storage, cell.id).agrees for cell in one.values())
+    assert run(results, LOCAL, Console(quiet=True)).ran == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -89,7 +90,7 @@ def sweep_metrics(groups: Sequence[Group], best: Sequence[Group]) -> dict[str, f
     metrics: dict[str, float] = {f"transfer_{name}": counts[name] for name in ("helped", "hurt", "undecided")}
     for group in groups:
         if group.stage == "transfer" and group.complete and group.auc:
-            name = f"best_auc {run_name(group.task)}"[:250]
+            name = re.sub(r"[^\w./: -]+", " ", f"best_auc {run_name(group.task)}", flags=re.ASCII)[:250]
             metrics[name] = max(metrics.get(name, -math.inf), float(f"{group.auc.value:.{DIGITS}g}"))
     return metrics
 

@@ -40,7 +40,7 @@ def test_a_sweep_that_is_asked_to_stop_ends_gracefully_and_goes_on(
 
 def test_deep_cells_are_checkpointed_before_an_interrupted_sweep_ends(tmp_path: Path) -> None:
     long = DEEP | {"hyperparameters": DEEP["hyperparameters"] | {"episodes": [100_000]}}
-    words = ("--no-mlflow", "--local", "--workers", "2", "--checkpoint-every", "10000")
+    words = ("--no-mlflow", "--local", "--workers", "2", "--seeds", "1", "--checkpoint-every", "10000")
     with driver(tmp_path, *words, **long) as process:
         wait_for(lambda: running(tmp_path), process)
         process.send_signal(signal.SIGINT)

@@ -58,6 +58,7 @@ def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
     words = command(tmp_path, bucket)
     with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
         wait_for(lambda: bool(list((storage / "small" / "checkpoints").glob("*.checkpoint"))))
+        driver.send_signal(signal.SIGSTOP)  # so that it is not done by the time that the other one has started
         assert f"process {driver.pid}" in str(lock.driver(storage / "small"))
         refused = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, env=os.environ)
         assert refused.returncode == 2

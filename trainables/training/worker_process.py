@@ -84,6 +84,7 @@ def _serve(connection: Connection) -> None:
         stop_file = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)
         prepare({data["agent"] for data in message.cells})
         connection.send(Started(os.getpid(), "local"))
+        connection.recv()  # the driver watches from here on
         try:
             with forwarded_log(tell) as told:
                 cells = [Cell.from_json(data) for data in message.cells]

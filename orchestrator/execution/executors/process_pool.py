@@ -23,7 +23,7 @@ from orchestrator.execution.interrupt import Interrupt
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.work_queue import Pack
 from trainables.storage.folders import make_folder
-from trainables.training.worker import Reached, WorkerPayload
+from trainables.training.worker import Reached, Started, WorkerPayload
 from trainables.training.worker_process import Completed, Crashed, Task
 
 _MAIN = "from trainables.training.worker_process import main; main()"
@@ -168,7 +168,9 @@ class _Stage:
             self._monitor.on_completed(trial)
         else:
             self._monitor.on_report(process.trial, message)
-            if isinstance(message, Reached):
+            if isinstance(message, Started):
+                self._write(process, True)
+            elif isinstance(message, Reached):
                 self._write(process, self._monitor.stops(process.trial, message.evaluations, message.score))
 
     def _lost(self, process: _Process, trial: str) -> None:
