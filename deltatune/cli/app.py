@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 ORDER = (
     *("sweep", "status", "list", "watch", "logs", "compare", "replay", "mv", "rm"),
-    *("report", "export", "ui", "sync"),
+    *("report", "export", "play", "ui", "sync"),
     *("tasks", "agents", "spaces", "bounds", "sources", "rank"),
     *("check", "init"),
     *("submit",),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import typer
 
 from deltatune.cli.app import app
-from deltatune.cli.commands import catalogue, cluster, custom_code, manage, sources, sweep, sweeps
+from deltatune.cli.commands import catalogue, cluster, custom_code, manage, play, sources, sweep, sweeps
 from deltatune.cli.streams import Streams
 
-__all__ = ["app", "catalogue", "cluster", "custom_code", "main", "manage", "sources", "sweep", "sweeps"]
+__all__ = ["app", "catalogue", "cluster", "custom_code", "main", "manage", "play", "sources", "sweep", "sweeps"]
 
 
 def main() -> None:

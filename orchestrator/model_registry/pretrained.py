@@ -51,7 +51,7 @@ def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Pretrained]
     uri: the MLflow store that the first two are in. Raises InputError for one that is not there, is damaged, does not
     fit its task, or is of no scenario of the space; and for two of one task that do not go together.
     """
-    found = [_model(name, uri) if name.startswith("models:") else _file(Path(name)) for name in names]
+    found = [read_one(name, uri) for name in names]
     learned = [scenario.source for scenario in space.scenarios if "learned" in scenario.source.kinds]
     wanted = [parse_task(task).name for source in learned for task in source.tasks]
     for source in found:
@@ -64,6 +64,11 @@ def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Pretrained]
         _check_shape(source.name, source.knowledge, parse_task(source.cell.task))
     _check_together(found)
     return found
+
+
+def read_one(name: str, uri: str) -> Pretrained:
+    """Return the source called `name`, fit or not; InputError for one that is not there, or is damaged."""
+    return _model(name, uri) if name.startswith("models:") else _file(Path(name))
 
 
 def keep(found: Sequence[Pretrained], results: Results) -> None:

@@ -216,8 +216,7 @@ class SelectLearner(InPlace):
     def evaluate(self) -> EvalPoint:
         """The exact return of the source's policy that would be followed now, or of argmax Q_trg where none would."""
         k = self._chosen()
-        policy = self._q.argmax(axis=1) if k == NONE else self._sources.pi[k]
-        returns = expected_return(self._model, policy, self._settings.gamma)
+        returns = expected_return(self._model, self.policy(), self._settings.gamma)
         steps, followed = (int(count) for count in self._paths.steps)
         share = (followed - self._seen[1]) / (steps - self._seen[0]) if steps > self._seen[0] else float(k != NONE)
         self._seen = steps, followed
@@ -225,6 +224,12 @@ class SelectLearner(InPlace):
         if k != NONE:
             statistics["path_delta"] = float(self._paths.mean[k])
         return EvalPoint(self._episode, steps, *returns, self._training_return, statistics)
+
+    def policy(self) -> NDArray[np.int64]:
+        """Return the policy (S,) of the source that would be followed now, or argmax Q_trg where none would."""
+        k = self._chosen()
+        policy: NDArray[np.int64] = self._q.argmax(axis=1) if k == NONE else self._sources.pi[k]
+        return policy
 
     def knowledge(self) -> Knowledge:
         """Q_trg, for a later transfer."""

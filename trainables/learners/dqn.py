@@ -176,7 +176,7 @@ class DeepLearner:
         while len(self._evaluation_envs) < count:
             self._evaluation_envs.append(Environment(make_env(self._task)))
         seeds = [_seed(self._rngs["evaluation_env"]) for _ in range(count)]
-        returns = greedy_returns(self._evaluation_envs, seeds, self._preferences, self._settings.gamma)
+        returns = greedy_returns(self._evaluation_envs, seeds, self.preferences, self._settings.gamma)
         training = self._returns / self._since if self._since else None
         undiscounted, discounted = (float(values.mean()) for values in returns)
         point = EvalPoint(self._episode, self._steps, undiscounted, discounted, training, self._statistics())
@@ -185,8 +185,8 @@ class DeepLearner:
         self._losses, self._updates, self._returns, self._since = 0.0, 0, 0.0, 0
         return point
 
-    def _preferences(self, observations: F32) -> F32:
-        """What greedy evaluation maximises."""
+    def preferences(self, observations: F32) -> F32:
+        """Return what greedy evaluation maximises, (n, actions), at observations (n, inputs)."""
         return self._advice.evaluated(self._q.rows(observations), observations)
 
     def _statistics(self) -> dict[str, float]:

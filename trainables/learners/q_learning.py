@@ -173,7 +173,7 @@ class TabularLearner(InPlace):
 
     def evaluate(self) -> EvalPoint:
         """The exact return of the greedy policy now, with delta's statistics since the last call."""
-        policy = self._greedy_policy()
+        policy = self.policy()
         key = policy.tobytes()
         if key != self._evaluated[0]:
             self._evaluated = key, expected_return(self._model, policy, self._settings.gamma)
@@ -191,8 +191,11 @@ class TabularLearner(InPlace):
         delta = {f"delta_{name}": array for name, array in self._tables.delta._asdict().items()}
         return {"q": self._tables.q, **delta, **self._counts._asdict()}
 
-    def _greedy_policy(self) -> NDArray[np.int64]:
-        """Gated agents: the source's while the gate is open. Direct reuse: the source's. Others: argmax Q_trg."""
+    def policy(self) -> NDArray[np.int64]:
+        """Return what greedy evaluation follows, (S,).
+
+        Gated agents: the source's while the gate is open. Direct reuse: the source's. Others: argmax Q_trg.
+        """
         gate_open = self._rule.reuse == Reuse.GATE and self._counts.over[0] == 0
         if gate_open or self._rule.reuse == Reuse.ALWAYS:
             return self._tables.pi_src

@@ -13,6 +13,7 @@ from trainables.errors import InputError
 from trainables.knowledge import Knowledge, joined
 from trainables.learners.learner import Resumable, new_learner
 from trainables.tasks.registry import parse_task
+from trainables.training.policy import Policy, learned_policy
 
 
 class Training(Iterator[EvalPoint]):
@@ -40,6 +41,10 @@ class Training(Iterator[EvalPoint]):
     def knowledge(self) -> Knowledge:
         """What the agent has learned so far: after the last point, the source knowledge of a later transfer."""
         return self._learner.knowledge()
+
+    def policy(self) -> Policy:
+        """Return the greedy policy as it stands; InputError for a custom learner that does not say it."""
+        return learned_policy(self._learner)
 
     @property
     def resumable(self) -> bool:

@@ -1,0 +1,71 @@
+"""The command that shows agents acting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, TrackingUri, app, err, out, print_json
+
+
+@app.command(rich_help_panel=RESULT_PANEL)
+def play(
+    what: Annotated[
+        str,
+        typer.Argument(metavar="WHAT", help="A cell's id, models:/NAME@ALIAS, or a file of a source library (.npz)."),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="The .gif to write; an .mp4; a .png of the end.")
+    ] = Path("play.gif"),
+    task: Annotated[
+        str | None, typer.Option("--task", metavar="TASK", help="Act on this task; default: what it was trained on.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, metavar="SEED", help="The seed of the episode.")] = 0,
+    name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look in this sweep alone.")] = None,
+    file: Annotated[
+        list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
+    ] = None,
+    storage: Storage = RESULTS,
+    tracking_uri: TrackingUri = None,
+    as_json: Json = False,
+) -> None:
+    """Show a greedy policy act for one episode, beside its source's on the same task.
+
+    The windy gridworld is drawn with its wind, the path, and |delta| over its states; other tasks as they render
+    themselves. An agent of the transfer stage is trained again first, which gives the same bits.
+    """
+    from dashboards.play.film import check_suffix, write
+    from dashboards.play.play import play as play_episodes
+    from orchestrator.execution.actors import cast
+    from orchestrator.process_env import prepare
+    from orchestrator.tracking.uri import tracking_uri as store_uri
+    from trainables.plugins.loader import canonicalise, load_file
+
+    check_suffix(output)
+    prepare()
+    for path in file or ():
+        load_file(path)
+    found = cast(
+        what,
+        storage,
+        lambda: store_uri(storage, tracking_uri),
+        task=canonicalise(task) if task else None,
+        sweep=name,
+        on_training=lambda cell: err.print(
+            f"training {cell.agent} on {cell.task} again: {cell.hyperparameters['episodes']} episodes", soft_wrap=True
+        ),
+    )
+    episodes, images = play_episodes(found.task, found.actors, seed)
+    write(images, output)
+    data = [
+        {"title": each.title, "return": each.returns[-1], "steps": each.steps, "terminated": each.terminated}
+        for each in episodes
+    ]
+    if as_json:
+        print_json({"file": str(output), "task": found.task.name, "episodes": data})
+        return
+    for each in data:
+        out.print(f"{each['title']}: return {each['return']:.4g} in {each['steps']} steps", soft_wrap=True)
+    out.print(f"Film:     {output}", soft_wrap=True)
