@@ -11,7 +11,7 @@ import pandas as pd
 
 from dashboards.draw import draw
 from orchestrator.analysis.findings import Findings, find
-from orchestrator.analysis.summary_table import COLUMNS, row
+from orchestrator.analysis.summary_table import COLUMNS, number_table, row
 from orchestrator.export.best_params import write_best
 from orchestrator.results.sweep_folder import Results
 from trainables.errors import InputError
@@ -35,7 +35,8 @@ class Published:
 
 
 def publish(results: Results) -> Published:
-    """Write a sweep's tables (table.csv is the one for people: a row per configuration), best.yaml, report, figures.
+    """Write a sweep's tables (table.csv is the one for people: a row per configuration; configurations.csv has the
+    same as numbers in full), best.yaml, report, figures.
 
     What others go on with is first; a picture that cannot be drawn costs nothing but itself.
     """
@@ -44,6 +45,7 @@ def publish(results: Results) -> Published:
     there, missing = results.folder, list[str]()
     with workbench(there) as folder:
         table.to_csv(folder / "table.csv", index=False)
+        number_table(findings.groups).to_csv(folder / "configurations.csv", index=False)
         best: Path | None = there / "best.yaml"
         try:
             write_best(findings, folder / "best.yaml")
@@ -67,6 +69,6 @@ def load() -> None:
 
 def artifacts(results: Results) -> list[Path]:
     """The files of a sweep that belong into MLflow."""
-    names = ("report.html", "table.csv", "cells.parquet", "points.parquet", "best.yaml")
+    names = ("report.html", "table.csv", "configurations.csv", "cells.parquet", "points.parquet", "best.yaml")
     files = [results.folder / name for name in names] + sorted((results.folder / "figures").glob("*"))
     return [path for path in files if path.is_file()]

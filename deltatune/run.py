@@ -11,6 +11,7 @@ from rich.console import Console
 from deltatune.publish import artifacts, publish
 from deltatune.publish import load as load_renderers
 from deltatune.sweep_results import SweepResults
+from orchestrator.analysis.learning import few_evaluations_in
 from orchestrator.errors import InterruptedSweepError
 from orchestrator.execution.session import SweepSession
 from orchestrator.execution.settings import Settings
@@ -50,6 +51,8 @@ def sweep(
     settings = Settings(workers=workers, address=address, local=local, retry_failed=retry_failed)
     uri = store_uri(folder, tracking_uri) if mlflow else None
     console = Console(stderr=True, quiet=not progress, highlight=False, markup=False)
+    if said := few_evaluations_in(chosen):
+        console.print(said, style="yellow", soft_wrap=True)
     with SweepSession.open(folder, name or chosen.name, chosen, tracking_uri=uri, console=console) as session:
         if session.run(settings, meanwhile=load_renderers).left:
             raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to go on")

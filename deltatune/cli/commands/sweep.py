@@ -60,6 +60,7 @@ def sweep(
         from orchestrator.process_env import prepare
 
         prepare(joins_cluster=address is not None)
+        from orchestrator.analysis.learning import few_evaluations_in
         from orchestrator.cluster.resources import Resources
         from orchestrator.execution.session import SweepSession
         from orchestrator.execution.settings import Settings
@@ -71,7 +72,7 @@ def sweep(
 
         settled = read_params(params) if params else {}
         sources = pretrained.read(source, chosen, store_uri(storage, tracking_uri)) if source else []
-    if said := check_params(str(params), settled, chosen):
+    for said in filter(None, (check_params(str(params), settled, chosen), few_evaluations_in(chosen))):
         err.print(said, style="yellow", soft_wrap=True)
     how = Settings(
         workers=workers,

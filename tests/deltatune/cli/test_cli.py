@@ -302,3 +302,17 @@ def test_init_writes_a_file_once_that_a_dry_run_reads(
     ]
     assert 0 < data["seconds"][0] <= data["seconds"][1]
     assert not Path("results").exists()
+
+
+@pytest.mark.parametrize(
+    "more", [["--dry-run"], ["--local", "--workers", "1", "--no-mlflow"]], ids=["dry run", "sweep"]
+)
+def test_an_auc_of_two_evaluations_is_warned_of_once(terminal: Terminal, tmp_path: Path, more: list[str]) -> None:
+    few = ["sweep", "demo", "--seeds", "1", "--agents", "q_learning", "--storage", str(tmp_path), *more]
+    code, _, err = terminal.run(*few, "--set", "episodes=20", "--set", "evaluate_every=20")
+    assert code == 0
+    assert [line for line in err.splitlines() if "evaluations" in line] == [
+        "episodes=20 with evaluate_every=20 leaves 2 evaluations, one of them before training, of which the AUC is the "
+        "mean: --set evaluate_every=5"
+    ]
+    assert "evaluations, one of them" not in terminal.run(*few[: -len(more)], "--dry-run")[2]

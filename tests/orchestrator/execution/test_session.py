@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 from conftest import SPACE
 from rich.console import Console
@@ -193,12 +194,12 @@ def test_a_report_that_cannot_be_drawn_costs_no_table(done: Path, monkeypatch: p
     def broken(*words: object, **more: object) -> None:
         raise MemoryError
 
-    for name in ("best.yaml", "table.csv", "cells.parquet"):
+    for name in ("best.yaml", "table.csv", "configurations.csv", "cells.parquet"):
         (done / "small" / name).unlink(missing_ok=True)
     monkeypatch.setattr(publish, "draw", broken)
     published = publish.publish(Results.open(done, "small"))
     assert (published.report, published.missing) == (None, ["report (MemoryError: )"])
-    for name in ("best.yaml", "table.csv", "cells.parquet"):
+    for name in ("best.yaml", "table.csv", "configurations.csv", "cells.parquet"):
         assert (done / "small" / name).exists()
 
 
@@ -219,3 +220,10 @@ def test_what_the_end_needs_is_imported_while_cells_run(tmp_path: Path) -> None:
         assert over.wait(10.0)
         assert now.run(LOCAL, meanwhile=load).ran == 0, "nothing runs, so nothing is loaded beside it"
     assert where == ["meanwhile"]
+
+
+def test_the_numbers_of_every_configuration_are_published(done: Path) -> None:
+    published = publish.publish(Results.open(done, "small"))
+    table = pd.read_csv(done / "small" / "configurations.csv")
+    assert table["auc"].tolist() == [group.auc.value for group in published.findings.groups if group.auc]
+    assert done / "small" / "configurations.csv" in publish.artifacts(Results.open(done, "small"))

@@ -131,7 +131,7 @@ def test_the_parent_has_a_description_and_the_figures(mirrored: Results) -> None
     parent = runs(mirrored, "tags.kind = 'sweep'")[0]
     assert "delta_gate" in parent.data.tags["mlflow.note.content"]
     files = [item.path for item in client(mirrored).list_artifacts(parent.info.run_id)]
-    assert {"best.yaml", "table.csv", "cells.parquet", "points.parquet", "figures"} <= set(files)
+    assert {"best.yaml", "table.csv", "configurations.csv", "cells.parquet", "points.parquet", "figures"} <= set(files)
 
 
 def test_synchronising_twice_changes_nothing(mirrored: Results) -> None:
