@@ -56,7 +56,7 @@ def measure(cells: int, length: float) -> dict[str, float]:
     from orchestrator.execution.sweep import run
     from orchestrator.results.status import sweep_status
     from orchestrator.results.sweep_folder import Results
-    from orchestrator.tracking import mlflow_mirror
+    from orchestrator.tracking.sync import sync
     from search_spaces.loading import parse
 
     seconds: dict[str, float] = {}
@@ -76,7 +76,7 @@ def measure(cells: int, length: float) -> dict[str, float]:
         assert (tally.ran, tally.failed) == (cells, 0)
         timed("tables", results.write_tables)
         published = timed("publish", lambda: publish(results))
-        timed("mlflow", lambda: mlflow_mirror.sync(published.findings, f"sqlite:///{folder}/mlflow.db", []))
+        timed("mlflow", lambda: sync(published.findings, f"sqlite:///{folder}/mlflow.db", []))
         timed("status", lambda: sweep_status(Results.open(Path(folder), "scaling")))
         timed("again", lambda: run(Results.open(Path(folder), "scaling"), Settings(), Console(quiet=True)))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

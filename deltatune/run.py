@@ -11,10 +11,10 @@ from rich.console import Console
 from deltatune.publish import artifacts, publish
 from deltatune.publish import load as load_renderers
 from deltatune.sweep_results import SweepResults
-from orchestrator.analysis.learning import few_evaluations_in
 from orchestrator.errors import InterruptedSweepError
 from orchestrator.execution.session import SweepSession
 from orchestrator.execution.settings import Settings
+from orchestrator.planning.evaluations import few_evaluations_in
 from orchestrator.tracking.uri import tracking_uri as store_uri
 from search_spaces.loading import load, parse
 from search_spaces.narrow import narrow

@@ -24,7 +24,7 @@ from orchestrator.planning.params import check_params, keys
 from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import settle, untrained
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking.mlflow_mirror import sync
+from orchestrator.tracking.sync import sync
 from orchestrator.tracking.uri import tracking_uri
 from search_spaces.loading import built_in, load, parse
 from search_spaces.narrow import narrow

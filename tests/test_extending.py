@@ -99,8 +99,22 @@ def test_the_new_agents_and_the_new_task_are_listed(overlay: Path, tmp_path: Pat
 @pytest.mark.parametrize(("space", "agent"), [(TABULAR, "warm_reuse"), (DEEP, "corrected_es")])
 def test_a_sweep_with_them_runs_and_is_reported(overlay: Path, tmp_path: Path, space: dict, agent: str) -> None:
     (tmp_path / "space.yaml").write_text(yaml.safe_dump(space))
-    shown = run(overlay, tmp_path, "sweep", "space.yaml", "--local", "--workers", "1", "--storage", str(tmp_path / "r"))
+    shown = run(
+        overlay,
+        tmp_path,
+        "sweep",
+        "space.yaml",
+        "--local",
+        "--workers",
+        "1",
+        "--storage",
+        str(tmp_path / "r"),
+        "--tracking-uri",
+        f"csv:{tmp_path / 'cells.csv'}",
+    )
     assert agent in shown
+    assert f"Copy:     {tmp_path / 'cells.csv'}" in shown
+    assert sum(agent in line for line in (tmp_path / "cells.csv").read_text().splitlines()) == space["seeds"]
     assert not re.search(r"[1-9]\d* failed", shown)
     assert agent in (tmp_path / "r" / str(space["name"]) / "report.html").read_text()
     assert "final return<br>[95%]" in (tmp_path / "r" / str(space["name"]) / "report.html").read_text()

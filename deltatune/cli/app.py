@@ -103,7 +103,8 @@ TrackingUri = Annotated[
     str | None,
     typer.Option(
         metavar="URI",
-        help="The MLflow store to write to; default: MLFLOW_TRACKING_URI, else mlflow.db in the storage folder.",
+        help="The MLflow store to write to, or jsonl:FOLDER for files of JSON lines; default: MLFLOW_TRACKING_URI, "
+        "else mlflow.db in the storage folder.",
     ),
 ]
 RESULTS = Path("results")

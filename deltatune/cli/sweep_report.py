@@ -16,6 +16,7 @@ from orchestrator.execution.settings import RunSummary
 from orchestrator.export.best_params import best
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.tracker import Tracker
+from orchestrator.tracking.trackers import without_registry
 from orchestrator.tracking.uri import shown
 
 
@@ -60,11 +61,11 @@ def _summary(
         "report": str(published.report) if published.report else None,
         "not_drawn": published.missing,
         "figures": [str(path) for path in published.figures],
-        "mlflow": _mlflow(tracker) if tracker else None,
-    }
+        "mlflow": None,
+    } | ({tracker.kind.key: _tracked(tracker)} if tracker else {})
 
 
-def _mlflow(tracker: Tracker) -> dict[str, Any]:
+def _tracked(tracker: Tracker) -> dict[str, Any]:
     return {"uri": shown(tracker.uri), "error": str(tracker.error) if tracker.error else None}
 
 
@@ -93,8 +94,14 @@ def _print_report(
         out.print(f"Best:     {published.best}", soft_wrap=True)
     if tracker and tracker.error:
         print_named(
-            "MLflow has not got everything", f"{tracker.error}. The results are whole; when it is back:", "yellow"
+            "MLflow has not got everything" if tracker.kind.has_registry else f"{tracker.uri} has not got everything",
+            f"{tracker.error}. The results are whole; when it is back:",
+            "yellow",
         )
-        out.print(f"          {program()} sync {results.name} --storage {results.storage}", soft_wrap=True)
+        where = "" if tracker.kind.has_registry else f" --tracking-uri {tracker.uri}"
+        out.print(f"          {program()} sync {results.name} --storage {results.storage}{where}", soft_wrap=True)
+    elif tracker and (said := without_registry(tracker.uri)):
+        out.print(f"Copy:     {tracker.parent}", soft_wrap=True)
+        out.print(f"          {said}: {program()} sync {results.name} --storage {results.storage}", soft_wrap=True)
     elif tracker:
         out.print(f"MLflow:   {program()} ui --storage {results.storage}", soft_wrap=True)

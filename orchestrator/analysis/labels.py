@@ -41,15 +41,15 @@ def cell_name(cell: Cell) -> str:
 
 
 def group_name(group: Group) -> str:
-    """A configuration's name for people, what tells its task from others first: a column of names is narrow."""
-    task = group.task.partition(":")[2] if ".py" not in group.task else ""
-    text = settings_text(varied(group.agent, group.task, group.hyperparameters)).replace("=", " ")
-    parts = [
-        run_name(task or group.task),
-        run_name(group.agent),
-        run_name(group.source_label) if group.source_label != "none" else "",
-        text,
-    ]
+    """A configuration's name for people."""
+    return configuration_name(group.task, group.agent, group.source_label, group.hyperparameters)
+
+
+def configuration_name(task: str, agent: str, source: str, hyperparameters: Mapping[str, Any]) -> str:
+    """The same by its parts, what tells its task from others first: a column of names is narrow."""
+    part = task.partition(":")[2] if ".py" not in task else ""
+    text = settings_text(varied(agent, task, hyperparameters)).replace("=", " ")
+    parts = [run_name(part or task), run_name(agent), run_name(source) if source != "none" else "", text]
     return " / ".join(part for part in parts if part and part != "-")
 
 

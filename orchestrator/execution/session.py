@@ -1,4 +1,4 @@
-"""A sweep's session: the lock first, then its files; and on every way out MLflow's status, the lock and a sentence."""
+"""A sweep's session: the lock first, then its files; on every way out the tracker's status, the lock and a sentence."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ class SweepSession:
     ) -> Iterator[SweepSession]:
         """Open the sweep `name` in `storage`, new or grown by `space`: take its lock, then write what it is to be.
 
-        sources: pretrained ones, in place of training them. tracking_uri: the MLflow store to write to; None: none.
+        sources: pretrained ones, in place of training them. tracking_uri: the tracker to write to; None: none.
         A driver that is refused (InputError: another one is at it, or the folder is another search space's) changes
-        nothing. When the block is left, in whatever way, MLflow says how it ended and the lock is free; an error is
-        followed by a sentence that says where things are.
+        nothing. When the block is left, in whatever way, the tracker says how it ended and the lock is free; an error
+        is followed by a sentence that says where things are.
         """
         console = console or Console(quiet=True)
         results = Results.prepare(storage, name)
@@ -97,15 +97,15 @@ class SweepSession:
         return tally
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> list[str]:
-        """Write what came of the sweep into MLflow, sources into its registry too; the registered models.
+        """Write what came of the sweep into its tracker, sources into MLflow's registry too; the registered models.
 
-        What MLflow does not take is told by `tracker.error`: the results are whole without it.
+        What it does not take is told by `tracker.error`: the results are whole without it.
         """
         if self.tracker is None:
             return []
         parent = self.tracker.finish(findings, artifacts)
         self._ended = True
-        if parent is None:
+        if parent is None or not self.tracker.kind.has_registry:
             return []
         from orchestrator.model_registry.mlflow_registry import register
 
@@ -117,7 +117,7 @@ class SweepSession:
             return []
 
     def _left_by(self, error: BaseException) -> None:
-        """Note an error that ends the session: in MLflow, and in a sentence where it is none of the user's input."""
+        """Note an error that ends the session: in the tracker, and in a sentence where it is not the user's input."""
         stopped = isinstance(error, KeyboardInterrupt | InterruptedSweepError)
         known = self._ended
         self._end("KILLED" if stopped else "FAILED")
@@ -132,7 +132,7 @@ class SweepSession:
             )
 
     def _end(self, status: str) -> None:
-        """Give the sweep's run in MLflow a status, once; not where the sweep is another driver's by now."""
+        """Give the tracker a status, once; not where the sweep is another driver's by now."""
         if not self._ended and self.tracker is not None:
             self.tracker.stop(None if self._hold.lost else status)
         self._ended = True

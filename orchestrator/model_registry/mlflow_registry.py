@@ -132,7 +132,7 @@ def _model(client: MlflowClient, name: str, task: str) -> dict[tuple[str, str], 
 def _write(client: MlflowClient, name: str, model: SourceModel, parent: Run) -> ModelVersion:
     """A new version, and the logged model behind it, both linked to the run of the model's cell."""
     tags, experiment = model.tags(parent.data.tags["sweep"]), str(parent.info.experiment_id)
-    condition = f"tags.cell_id = '{model.cell.id}' and tags.`mlflow.parentRunId` = '{parent.info.run_id}'"
+    condition = f"tags.cell_id = '{model.cell.id}' and tags.sweep_id = '{parent.data.tags['sweep_id']}'"
     runs = client.search_runs([experiment], condition, max_results=1)
     run = str((runs[0] if runs else parent).info.run_id)
     logged = client.create_logged_model(experiment, logged_name(name), run, tags, model_type="source")

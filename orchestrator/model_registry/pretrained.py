@@ -16,6 +16,7 @@ from orchestrator.planning.source_choice import Runs, SourceRun
 from orchestrator.results import pretrained_names
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
+from orchestrator.tracking.trackers import without_registry
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 from trainables.errors import InputError
@@ -98,6 +99,8 @@ def runs(found: Sequence[Pretrained], seeds: Sequence[int]) -> Runs:
 
 
 def _model(name: str, uri: str) -> Pretrained:
+    if said := without_registry(uri):
+        raise InputError(f"{said}: '{name}' needs the --tracking-uri of an MLflow store")
     from orchestrator.model_registry.mlflow_registry import fetch
 
     version = fetch(name, uri)

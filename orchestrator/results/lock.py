@@ -28,9 +28,6 @@ from trainables.storage.paths import is_local
 LOCK, DRIVER = ".lock", ".driver.json"
 """Files of a sweep's folder: the lock of the process that runs it, and who that is."""
 
-MLFLOW_LOCK, MLFLOW_WRITER = ".mlflow.lock", ".mlflow.json"
-"""The same for the one process that writes the sweep into MLflow: its driver, or `deltatune sync`."""
-
 LEASE_SECONDS = 60.0
 """After so long without a sign of life a holder on another machine is taken for dead."""
 
@@ -90,9 +87,12 @@ def locked(folder: Path, on_lost: Callable[[], None] = lambda: None) -> Iterator
 
 
 @contextmanager
-def writing_to_mlflow(folder: Path) -> Iterator[None]:
-    """Be the one who writes the sweep in `folder` into MLflow; InputError that names who does already."""
-    with _held(folder, MLFLOW_LOCK, MLFLOW_WRITER, f"the sweep in {folder} is being written into MLflow by "):
+def writing_to(folder: Path, key: str, title: str) -> Iterator[None]:
+    """Be the one who writes the sweep in `folder` into a tracker: its driver, or `deltatune sync`.
+
+    key: the tracker's, in the names of the lock's files. Raises InputError that names who does already.
+    """
+    with _held(folder, f".{key}.lock", f".{key}.json", f"the sweep in {folder} is being written into {title} by "):
         yield
 
 

@@ -12,14 +12,12 @@ same time stamps, which MLflow stores once.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import pandas as pd
 from mlflow.entities import Metric, Param, Run, RunTag
@@ -28,17 +26,15 @@ from mlflow.exceptions import MlflowException
 from orchestrator.analysis.curves import NO_CURVE, mean_curves
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.labels import cell_name, group_name
-from orchestrator.errors import SweepError
-from orchestrator.results.lock import writing_to_mlflow
+from orchestrator.analysis.labels import cell_name, configuration_name, group_name
 from orchestrator.results.records.record import Head, Record
 from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.tracking.configurations import Configurations
 from orchestrator.tracking.description import markdown
 from orchestrator.tracking.mlflow_experiment import find_experiment
 from orchestrator.tracking.mlflow_fields import CELL_METRICS, cell_tags, group_figures, places, sweep_metrics, thinned
 from orchestrator.tracking.mlflow_store import connect
-from orchestrator.tracking.uri import shown
-from trainables.cell import content_id
+from trainables.cell import Cell, content_id
 from trainables.storage.folders import local_copy
 
 logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database tables amid the display
@@ -46,8 +42,8 @@ logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database
 PARENT = "mlflow.parentRunId"
 """The tag by which MLflow shows a run below another."""
 
-BATCH = 1000
-"""Most metrics of one call."""
+BATCH = 800
+"""Most metrics of one call, which may hold 1000 things in all: the first has parameters and tags too."""
 
 
 _NO_CURVE = ("episode", "step", "seconds", "discounted_return")
@@ -59,18 +55,22 @@ class _Known(NamedTuple):
 
     run_id: str
     digest: str | None
-    """What it is to hold. The sweep's own run has none."""
+    """What it is to hold. The sweep's own run has none, nor has an aggregate whose figures are not known yet."""
     whole: bool
     """False: it was cut off."""
     parent: str | None = None
     """The run that it is shown under."""
+    groups: str | None = None
+    """The configurations that a cell is of."""
 
 
 class Mirror:
-    """A sweep's copy in one MLflow store."""
+    """A sweep's copy in one MLflow store: the TrackingBackend of MLflow."""
+
+    errors: ClassVar[tuple[type[Exception], ...]] = (MlflowException, OSError)
 
     def __init__(self, results: Results, uri: str) -> None:
-        self._results = results
+        self._results, self._configurations = results, Configurations(results)
         meta = results.meta()
         self._sweep_id = content_id([results.name, meta["created"]])
         self._meta = meta
@@ -84,6 +84,7 @@ class Mirror:
                 run.data.tags.get("digest"),
                 run.info.status != "RUNNING",
                 run.data.tags.get(PARENT),
+                run.data.tags.get("of_group"),
             )
             for run in self._runs()
         }
@@ -98,23 +99,28 @@ class Mirror:
         row = cell_row(stage, cell, head)
         episodes = record.points.get("episode", [])
         curves = {name: values for name, values in record.points.items() if name not in _NO_CURVE}
+        groups = self._configurations.of(stage, cell)
         self._write(
             key,
             cell_name(cell),
-            cell_tags(stage, head) | {"digest": digest},
+            cell_tags(stage, head) | {"digest": digest, "of_group": ", ".join(groups)},
             cell.hyperparameters,
             {name: row[name] for name in CELL_METRICS if row.get(name) is not None},
             {name: list(zip(episodes, values, strict=True)) for name, values in curves.items()},
             head.finished,
             head.seconds,
             "FAILED" if head.status == "failed" else "FINISHED" if head.status == "done" else "KILLED",
+            self._aggregate(groups[0], cell),
         )
 
-    def write_groups(self, cell_id: str, names: str) -> None:
-        """The aggregates of a cell that is of several, or of another than its own fields say."""
-        known = self._known.get(("cell", cell_id))
-        if known is not None:
-            self._client.set_tag(known.run_id, "of_group", names)
+    def _aggregate(self, group: str, cell: Cell) -> str:
+        """Return the run that a cell is shown under, begun where it is missing; it has its figures at the end."""
+        known = self._known.get(("aggregate", group))
+        if known is None:
+            source = cell.sources[0].kind if cell.sources else "none"
+            name = configuration_name(cell.task, cell.agent, source, cell.hyperparameters)
+            known = self._begin(("aggregate", group), name, {}, self._meta["created"], self.parent)
+        return known.run_id
 
     def write_group(self, group: Group, curve: pd.DataFrame) -> None:
         """The aggregate run of one group; a run that holds older figures is replaced."""
@@ -133,6 +139,7 @@ class Mirror:
             self._meta["created"],
             0.0,
             "FINISHED",
+            self.parent,
         )
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
@@ -163,13 +170,18 @@ class Mirror:
         self._client.set_terminated(self.parent)
 
     def _nest(self, cells: pd.DataFrame) -> None:
-        """Show every cell below the first aggregate that it is of; until then it stands below the sweep."""
-        for cell_id, group in cells.groupby("cell_id")["group"].first().items() if len(cells) else ():
+        """Show every cell below the first aggregate that it is of, where it is not yet; name them all in a tag."""
+        for cell_id, of in cells.groupby("cell_id")["group"].agg(list).items() if len(cells) else ():
             key = "cell", str(cell_id)
-            known, above = self._known.get(key), self._known.get(("aggregate", str(group)))
-            if known is not None and above is not None and known.parent != above.run_id:
+            known, above, groups = self._known.get(key), self._known.get(("aggregate", of[0])), ", ".join(of)
+            if known is None:
+                continue
+            if known.groups != groups:
+                self._client.set_tag(known.run_id, "of_group", groups)
+            if above is not None and known.parent != above.run_id:
                 self._client.set_tag(known.run_id, PARENT, above.run_id)
-                self._known[key] = known._replace(parent=above.run_id)
+                known = known._replace(parent=above.run_id)
+            self._known[key] = known._replace(groups=groups)
 
     def _log_sweep_metrics(self, metrics: Mapping[str, float]) -> None:
         """Log the sweep's own metrics; those that are there already are not logged again."""
@@ -182,6 +194,9 @@ class Mirror:
     def end(self, status: str) -> None:
         """Say that the sweep has stopped for now: KILLED by a wish, FAILED by an error."""
         self._client.set_terminated(self.parent, status)
+        for (kind, _), known in self._known.items():
+            if kind == "aggregate" and not known.whole:
+                self._client.set_terminated(known.run_id, status)
 
     def _write(
         self,
@@ -194,20 +209,17 @@ class Mirror:
         finished: float,
         seconds: float,
         status: str,
+        above: str,
     ) -> None:
         """Find or make the run of `key`, and fill it; its status goes in last, so that it vouches for the rest."""
         known, digest = self._known.get(key), tags["digest"]
         if self._holds(key, digest):
             return
-        if known is not None and known.digest != digest:
+        if known is not None and known.digest not in (digest, None):
             self._client.delete_run(known.run_id)
             known = None
-        if known is None:
-            own = {"kind": key[0], "sweep": self._results.name, "sweep_id": self._sweep_id}
-            own |= {"cell_id" if key[0] == "cell" else "group": key[1], PARENT: self.parent}
-            begun = int((finished - seconds) * 1000)
-            run = self._client.create_run(self._experiment, begun, {**tags, **own}, name)
-            known = self._known[key] = _Known(str(run.info.run_id), digest, whole=False, parent=self.parent)
+        begun = known is not None and known.digest is None
+        known = (known or self._begin(key, name, tags, finished - seconds, above))._replace(digest=digest)
         stamp = int(finished * 1000)
         points = [Metric(metric, value, stamp, 0) for metric, value in metrics.items() if math.isfinite(value)]
         points += [
@@ -216,11 +228,22 @@ class Mirror:
             for step, value in thinned([(s, v) for s, v in values if v is not None and math.isfinite(v)])
         ]
         texts = [Param(name, str(value)) for name, value in params.items()]
+        late = [RunTag(each, value) for each, value in {**tags, "mlflow.runName": name}.items()] if begun else []
         batches = [points[start : start + BATCH] for start in range(0, max(len(points), 1), BATCH)]
         for number, batch in enumerate(batches):
-            self._client.log_batch(known.run_id, batch, texts if number == 0 else ())
+            first = number == 0
+            self._client.log_batch(known.run_id, batch, texts if first else (), late if first else ())
         self._client.set_terminated(known.run_id, status, stamp)
         self._known[key] = known._replace(whole=True)
+
+    def _begin(self, key: tuple[str, str], name: str, tags: Mapping[str, str], begun: float, above: str) -> _Known:
+        """Make the run of `key`."""
+        own = {"kind": key[0], "sweep": self._results.name, "sweep_id": self._sweep_id}
+        own |= {"cell_id" if key[0] == "cell" else "group": key[1], PARENT: above}
+        run = self._client.create_run(self._experiment, int(begun * 1000), {**tags, **own}, name)
+        known = _Known(str(run.info.run_id), tags.get("digest"), False, above, tags.get("of_group"))
+        self._known[key] = known
+        return known
 
     def _holds(self, key: tuple[str, str], digest: str) -> bool:
         known = self._known.get(key)
@@ -251,35 +274,3 @@ class Mirror:
         tags |= {f"version.{name}": version for name, version in self._meta["versions"].items()}
         run = self._client.create_run(self._experiment, int(self._meta["created"] * 1000), tags, self._results.name)
         return str(run.info.run_id)
-
-
-def sync(findings: Findings, uri: str, artifacts: Iterable[Path], mirror: Mirror | None = None) -> str:
-    """Bring MLflow up to the results table: write what is missing, replace what has changed; the parent run's id."""
-    results = findings.results
-    mirror = mirror or Mirror(results, uri)
-    cells = findings.cells
-    groups = cells.groupby("cell_id")["group"].agg(", ".join).to_dict() if len(cells) else {}
-    try:
-        for stage, cell, head in results.ended():
-            if head is None:
-                continue
-            mirror.write_cell(stage, head, partial(results.log.record, cell.id))
-            if (names := groups.get(cell.id, cell.group)) != cell.group:
-                mirror.write_groups(cell.id, names)
-        mirror.finish(findings, artifacts)
-    except BaseException:
-        with contextlib.suppress(Exception):  # a store that is away
-            mirror.end("FAILED")
-        raise
-    return mirror.parent
-
-
-def sync_now(findings: Findings, uri: str, artifacts: Iterable[Path]) -> str:
-    """`sync` for a person who waits for it. InputError where another process writes the sweep into MLflow, its driver
-    above all; SweepError where the store does not answer.
-    """
-    try:
-        with writing_to_mlflow(findings.results.folder):
-            return sync(findings, uri, artifacts)
-    except (MlflowException, OSError) as error:
-        raise SweepError(f"MLflow at {shown(uri)} cannot be written to: {str(error).splitlines()[0]}") from None

@@ -1,4 +1,4 @@
-"""Which MLflow store a sweep is copied to."""
+"""Which tracker a sweep is copied to: by default a store of MLflow's."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import os
 import re
 from pathlib import Path
 
+from orchestrator.tracking.trackers import TRACKERS, scheme, tracker_of
 from trainables.errors import InputError
 from trainables.storage.folders import absolute
 from trainables.storage.paths import is_local
-
-SCHEMES = ("sqlite", "postgresql", "mysql", "mssql", "http", "https", "databricks")
 
 
 def tracking_uri(storage: Path, given: str | None) -> str:
@@ -24,10 +23,11 @@ def tracking_uri(storage: Path, given: str | None) -> str:
         if not is_local(storage):
             raise InputError(f"MLflow's database cannot be at {storage}: give --tracking-uri, or --no-mlflow")
         uri = f"sqlite:///{absolute(storage) / 'mlflow.db'}"
-    scheme = uri.partition(":")[0].split("+")[0].lower()
-    if scheme not in SCHEMES:
-        raise InputError(f"a tracking URI must start with {', '.join(f'{s}:' for s in SCHEMES)} (got '{shown(uri)}')")
-    if scheme in ("http", "https") and "@" in uri:
+    kind = tracker_of(uri)
+    if kind is None:
+        known = ", ".join(f"{name}:" for each in TRACKERS for name in each.schemes)
+        raise InputError(f"a tracking URI must start with {known} (got '{shown(uri)}')")
+    if scheme(uri) in ("http", "https") and "@" in uri:
         raise InputError(
             f"a tracking server's address must hold no user name, password or token (got '{shown(uri)}'): set "
             "MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD, or MLFLOW_TRACKING_TOKEN, in the environment"
@@ -37,7 +37,7 @@ def tracking_uri(storage: Path, given: str | None) -> str:
             f"a database's password does not belong on a command line (got '{shown(uri)}'): "
             "set MLFLOW_TRACKING_URI in the environment"
         )
-    return uri
+    return kind.checked(uri)
 
 
 def shown(uri: str) -> str:

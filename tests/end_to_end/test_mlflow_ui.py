@@ -19,8 +19,8 @@ from deltatune.publish import artifacts, publish
 from orchestrator.analysis.findings import find
 from orchestrator.model_registry import mlflow_registry
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking import mlflow_mirror
 from orchestrator.tracking.mlflow_views import LEADERBOARD, VIEWS, View
+from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.ui import leaderboards
 from orchestrator.tracking.uri import tracking_uri
 
@@ -43,7 +43,7 @@ def sweep(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
     results = Results.open(storage, "small")
     publish(results)
     uri = tracking_uri(storage, None)
-    mlflow_registry.register_now(results, uri, mlflow_mirror.sync_now(find(results), uri, artifacts(results)))
+    mlflow_registry.register_now(results, uri, sync_now(find(results), uri, artifacts(results)))
     return results
 
 

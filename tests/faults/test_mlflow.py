@@ -21,7 +21,8 @@ from benchmarks.tracking_server import TrackingServer
 from orchestrator.analysis.findings import find
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking import mlflow_mirror, tracker
+from orchestrator.tracking import tracker
+from orchestrator.tracking.sync import sync
 from orchestrator.tracking.tracker import Tracker
 from trainables.cell import content_id
 
@@ -102,7 +103,7 @@ def test_a_server_that_is_gone_for_the_rest_of_the_sweep_is_made_good_for_by_syn
     assert follower.error is not None
     server.start()
     for _ in range(2):
-        mlflow_mirror.sync(find(results), server.uri, [])
+        sync(find(results), server.uri, [])
         assert kinds(server, results) == ALL
 
 

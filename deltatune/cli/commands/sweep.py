@@ -60,12 +60,12 @@ def sweep(
         from orchestrator.process_env import prepare
 
         prepare(joins_cluster=address is not None)
-        from orchestrator.analysis.learning import few_evaluations_in
         from orchestrator.cluster.resources import Resources
         from orchestrator.execution.session import SweepSession
         from orchestrator.execution.settings import Settings
         from orchestrator.export.best_params import read_params
         from orchestrator.model_registry import pretrained
+        from orchestrator.planning.evaluations import few_evaluations_in
         from orchestrator.planning.params import check_params
         from orchestrator.results.sweep_folder import Results
         from orchestrator.tracking.uri import tracking_uri as store_uri

@@ -131,28 +131,34 @@ def export(
 
 @app.command(rich_help_panel=RESULT_PANEL)
 def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = None, as_json: Json = False) -> None:
-    """Bring MLflow up to a sweep's results table; twice changes nothing."""
+    """Bring MLflow, or another tracker, up to a sweep's results table; twice changes nothing."""
     from orchestrator.process_env import prepare
 
     prepare()
     from deltatune.publish import artifacts, publish
-    from orchestrator.model_registry import mlflow_registry
     from orchestrator.results.sweep_folder import Results
-    from orchestrator.tracking import mlflow_mirror
+    from orchestrator.tracking.sync import sync_now
+    from orchestrator.tracking.trackers import kind_of, without_registry
     from orchestrator.tracking.uri import shown
     from orchestrator.tracking.uri import tracking_uri as store_uri
 
     results = told_damage(Results.open(storage, name))
     uri = store_uri(results.storage, tracking_uri)
     published = publish(results)
-    parent = mlflow_mirror.sync_now(published.findings, uri, artifacts(results))
-    sources = mlflow_registry.register_now(results, uri, parent)
+    parent, kind, sources = sync_now(published.findings, uri, artifacts(results)), kind_of(uri), list[str]()
+    if kind.has_registry:
+        from orchestrator.model_registry import mlflow_registry
+
+        sources = mlflow_registry.register_now(results, uri, parent)
     if as_json:
-        print_json({"sweep": results.name, "mlflow": shown(uri), "run": parent, "sources": sources})
+        print_json({"sweep": results.name, kind.key: shown(uri), "run": parent, "sources": sources})
         return
     for source in sources:
         out.print(f"Source:   {source}", soft_wrap=True)
-    out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
+    if said := without_registry(uri):
+        out.print(f"{results.name} is in {parent}. {said}.", soft_wrap=True)
+    else:
+        out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
 
 
 @app.command(rich_help_panel=RUN_PANEL)
@@ -199,11 +205,15 @@ def ui(
     from orchestrator.process_env import prepare
 
     prepare()
-    from orchestrator.tracking.ui import serve
+    from orchestrator.tracking.trackers import kind_of
     from orchestrator.tracking.uri import tracking_uri as store_uri
     from trainables.errors import InputError
 
     if not host.strip():
         raise InputError(f"--host must be an address such as 127.0.0.1, or 0.0.0.0 for all (got '{host}')")
+    uri = store_uri(storage, tracking_uri)
+    if not kind_of(uri).has_registry:
+        raise InputError(f"the MLflow UI shows an MLflow store (got --tracking-uri {uri})")
+    from orchestrator.tracking.ui import serve
 
-    raise typer.Exit(serve(store_uri(storage, tracking_uri), host, port, out))
+    raise typer.Exit(serve(uri, host, port, out))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from orchestrator.analysis.learning import few_evaluations, learned_nothing, nothing_in
+from orchestrator.analysis.learning import learned_nothing, nothing_in
 
 
 @pytest.mark.parametrize(
@@ -27,11 +27,3 @@ def test_a_configuration_learned_nothing_where_no_seed_did() -> None:
     assert nothing_in(pd.DataFrame([flat, flat])) == "learned nothing: its greedy return never left -200"
     assert nothing_in(pd.DataFrame([flat, flat | {"best_return": -90.0, "auc": -180.0}])) is None
     assert nothing_in(pd.DataFrame([flat]).drop(columns="best_return")) is None
-
-
-def test_two_evaluations_of_an_auc_are_warned_of() -> None:
-    text = few_evaluations({"episodes": 50, "evaluate_every": 100})
-    assert text is not None
-    assert "leaves 2 evaluations" in text
-    assert few_evaluations({"episodes": 1000, "evaluate_every": 100}) is None
-    assert few_evaluations({}) is None

@@ -33,8 +33,8 @@ from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import settle, untrained
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
-from orchestrator.tracking import mlflow_mirror
 from orchestrator.tracking.description import markdown
+from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.uri import tracking_uri
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
@@ -72,7 +72,7 @@ MODEL = "deltatune-cartpole"
 
 def registered(results: Results) -> Results:
     uri = tracking_uri(results.storage, None)
-    parent = mlflow_mirror.sync_now(find(results), uri, [])
+    parent = sync_now(find(results), uri, [])
     mlflow_registry.register_now(results, uri, parent)
     return results
 
@@ -396,7 +396,13 @@ def test_a_source_whose_task_has_a_dot_in_its_name_is_registered_and_fetched(
     dotted = dataclasses.replace(first, cell=Cell.create("q_learning", "supply_chain:demand_mean=3.5", 0))
     monkeypatch.setattr(mlflow_registry, "source_models", lambda results: [dotted])
     uri = tracking_uri(grid.storage, None)
-    parent = mlflow_mirror.sync_now(find(grid), uri, [])
+    parent = sync_now(find(grid), uri, [])
     (said,) = mlflow_registry.register(grid, uri, parent)
     assert said.split()[0] == "models:/deltatune-supply_chain-demand_mean-3.5@best"
     assert mlflow_registry.fetch("models:/deltatune-supply_chain-demand_mean-3.5@best", uri).data
+
+
+def test_a_version_is_linked_to_the_run_of_the_cell_that_trained_it(poles: Results) -> None:
+    client = MlflowClient(tracking_uri(poles.storage, None))
+    for version in versions(poles, MODEL).values():
+        assert client.get_run(version.run_id).data.tags["cell_id"] == version.tags["cell_id"]

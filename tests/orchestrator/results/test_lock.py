@@ -7,13 +7,14 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from orchestrator.errors import LeaseLostError
 from orchestrator.results import lock
-from orchestrator.results.lock import DRIVER, driver, locked, writing_to_mlflow
+from orchestrator.results.lock import DRIVER, driver, locked, writing_to
 from orchestrator.results.records.record_log import RecordLog
 from tests.orchestrator.records import record
 from trainables.errors import InputError
@@ -75,9 +76,10 @@ def test_a_driver_that_has_died_is_none(tmp_path: Path, changes: dict[str, objec
 
 def test_a_second_writer_into_mlflow_is_refused_by_name(tmp_path: Path) -> None:
     says = f"is being written into MLflow by process {os.getpid()} on "
-    with writing_to_mlflow(tmp_path), pytest.raises(InputError, match=says), writing_to_mlflow(tmp_path):
+    mlflow = partial(writing_to, tmp_path, "mlflow", "MLflow")
+    with mlflow(), pytest.raises(InputError, match=says), mlflow():
         pass
-    with writing_to_mlflow(tmp_path), locked(tmp_path):
+    with mlflow(), locked(tmp_path), writing_to(tmp_path, "jsonl", "another tracker"):
         pass
 
 

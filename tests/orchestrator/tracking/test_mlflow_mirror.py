@@ -16,10 +16,12 @@ from mlflow.tracking import MlflowClient
 
 from deltatune.publish import artifacts, publish
 from orchestrator.analysis.findings import find
+from orchestrator.analysis.labels import group_name
 from orchestrator.errors import SweepError
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking import mlflow_fields, mlflow_mirror
+from orchestrator.tracking import mlflow_fields
 from orchestrator.tracking.mlflow_views import LEADERBOARD
+from orchestrator.tracking.sync import sync, sync_now
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.uri import tracking_uri
 from trainables.errors import InputError
@@ -34,7 +36,7 @@ def mirrored(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Result
     shutil.copytree(finished, storage)
     results = Results.open(storage, "small")
     publish(results)
-    mlflow_mirror.sync(find(results), tracking_uri(storage, None), artifacts(results))
+    sync(find(results), tracking_uri(storage, None), artifacts(results))
     return results
 
 
@@ -79,7 +81,7 @@ def test_cells_of_an_older_store_are_put_below_their_aggregates(mirrored: Result
     sweep = runs(mirrored, "tags.kind = 'sweep'")[0].info.run_id
     for run in cells:
         store.set_tag(run.info.run_id, "mlflow.parentRunId", sweep)
-    mlflow_mirror.sync(find(mirrored), tracking_uri(mirrored.storage, None), [])
+    sync(find(mirrored), tracking_uri(mirrored.storage, None), [])
     after = {run.info.run_id: run.data.tags["mlflow.parentRunId"] for run in runs(mirrored, "tags.kind = 'cell'")}
     assert after == before
 
@@ -136,7 +138,7 @@ def test_the_parent_has_a_description_and_the_figures(mirrored: Results) -> None
 
 def test_synchronising_twice_changes_nothing(mirrored: Results) -> None:
     before = {run.info.run_id: run.data.metrics for run in runs(mirrored)}
-    mlflow_mirror.sync(find(mirrored), tracking_uri(mirrored.storage, None), artifacts(mirrored))
+    sync(find(mirrored), tracking_uri(mirrored.storage, None), artifacts(mirrored))
     assert {run.info.run_id: run.data.metrics for run in runs(mirrored)} == before
 
 
@@ -145,7 +147,7 @@ def test_a_run_that_was_cut_off_is_made_whole_without_double_points(mirrored: Re
     store = client(results)
     run = runs(results, "tags.kind = 'cell' and tags.agent = 'delta_gate'")[0]
     store.update_run(run.info.run_id, status="RUNNING")
-    mlflow_mirror.sync(find(results), tracking_uri(results.storage, None), [])
+    sync(find(results), tracking_uri(results.storage, None), [])
     assert kinds(results) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
     assert store.get_run(run.info.run_id).info.status == "FINISHED"
     assert len(store.get_metric_history(run.info.run_id, "greedy_return")) == 7
@@ -162,12 +164,12 @@ def test_a_run_that_was_cut_off_before_its_figures_is_no_run_that_is_there(
     with monkeypatch.context() as patch:
         patch.setattr(MlflowClient, "log_batch", dies)
         with pytest.raises(OSError, match="gone"):
-            mlflow_mirror.sync(find(results), store, [])
+            sync(find(results), store, [])
     experiment = (client := MlflowClient(store)).get_experiment_by_name("deltatune/tests")
     assert experiment is not None
     (cut,) = client.search_runs([experiment.experiment_id], "tags.kind = 'cell'")
     assert (cut.info.status, cut.data.metrics) == ("RUNNING", {})
-    mlflow_mirror.sync(find(results), store, [])
+    sync(find(results), store, [])
     whole = client.get_run(cut.info.run_id)
     assert (whole.info.status, whole.data.metrics["auc"]) == ("FINISHED", _auc(results, whole.data.tags["cell_id"]))
 
@@ -178,7 +180,7 @@ def test_a_cell_that_is_gone_from_the_results_is_gone_from_mlflow(mirrored: Resu
     plan["transfer"] = plan["transfer"][:-8]
     results.set_plan(plan)
     results.write_tables()
-    mlflow_mirror.sync(find(results), tracking_uri(results.storage, None), [])
+    sync(find(results), tracking_uri(results.storage, None), [])
     assert kinds(results)["cell"] == CELLS - 8
 
 
@@ -192,7 +194,7 @@ def test_a_tracker_with_a_dead_store_never_harms_the_sweep(finished: Path, tmp_p
     assert tracker.finish(find(results), []) is None
     assert tracker.error is not None
     with pytest.raises(SweepError, match="cannot be written to"):
-        mlflow_mirror.sync_now(find(results), "sqlite:////dev/null/no/mlflow.db", [])
+        sync_now(find(results), "sqlite:////dev/null/no/mlflow.db", [])
 
 
 def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(finished: Path, tmp_path: Path) -> None:
@@ -204,6 +206,55 @@ def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(finished: Path
         tracker.record(stage, record)
     assert tracker.finish(find(results), []) is not None
     assert kinds(results) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
+
+
+def test_a_cell_is_put_below_its_aggregate_at_once(
+    mirrored: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, moved = f"sqlite:///{tmp_path}/mlflow.db", list[tuple[Any, ...]]()
+    plain = MlflowClient.set_tag
+
+    def noted(client: MlflowClient, *words: Any, **more: Any) -> None:
+        moved.append(words)
+        plain(client, *words, **more)
+
+    monkeypatch.setattr(MlflowClient, "set_tag", noted)
+    sync(find(mirrored), store, [])
+    assert not [words for words in moved if words[1] in ("mlflow.parentRunId", "of_group")]
+    client = MlflowClient(store)
+    experiment = client.get_experiment_by_name("deltatune/tests")
+    assert experiment is not None
+    found = client.search_runs([experiment.experiment_id], max_results=1000)
+    groups = {group.id: group_name(group) for group in find(mirrored).groups}
+    below = {run.info.run_id: run for run in found if run.data.tags["kind"] == "aggregate"}
+    assert {run.data.tags["group"]: run.info.run_name for run in below.values()} == groups
+    for run in found:
+        if run.data.tags["kind"] == "cell":
+            above = below[run.data.tags["mlflow.parentRunId"]]
+            assert above.data.tags["group"] in run.data.tags["of_group"].split(", ")
+
+
+def test_an_aggregate_of_a_sweep_that_was_stopped_is_not_left_running(mirrored: Results, tmp_path: Path) -> None:
+    uri = f"sqlite:///{tmp_path}/mlflow.db"
+    tracker = Tracker(mirrored, uri)
+    backend = tracker._connected()
+    stage, _, record = next(mirrored.records())
+    assert record is not None
+    backend.write_cell(stage, record.head, lambda: record)
+    tracker._backend = backend
+    tracker.stop("KILLED")
+    client = MlflowClient(uri)
+    experiment = client.get_experiment_by_name("deltatune/tests")
+    assert experiment is not None
+    found = client.search_runs([experiment.experiment_id])
+    assert {run.data.tags["kind"]: run.info.status for run in found} == {
+        "cell": "FINISHED",
+        "aggregate": "KILLED",
+        "sweep": "KILLED",
+    }
+    sync(find(mirrored), uri, [])
+    kinds = Counter(run.data.tags["kind"] for run in client.search_runs([experiment.experiment_id], max_results=1000))
+    assert kinds == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
 
 
 def test_thinned_curves_keep_their_ends() -> None:

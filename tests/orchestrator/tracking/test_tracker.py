@@ -11,10 +11,11 @@ import pytest
 from deltatune import publish
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.execution.session import SweepSession
-from orchestrator.results.lock import writing_to_mlflow
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking import mlflow_mirror, tracker
+from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.tracker import Tracker
+from orchestrator.tracking.trackers import MLFLOW
 from tests.orchestrator.local_sweeps import LOCAL, space
 from trainables.errors import InputError
 
@@ -54,6 +55,7 @@ def store(monkeypatch: pytest.MonkeyPatch) -> Store:
         )
         return found
 
+    mirror.errors = (OSError,)  # type: ignore[attr-defined]
     monkeypatch.setattr(mlflow_mirror, "Mirror", mirror)
     return made
 
@@ -75,22 +77,22 @@ def test_sync_beside_a_sweep_that_writes_to_mlflow_is_refused_and_makes_no_doubl
     while not store.runs:
         waited.wait(0.01)
     with pytest.raises(InputError, match="is being written into MLflow by process"):
-        mlflow_mirror.sync_now(find(done), "sqlite:///x", [])
+        sync_now(find(done), "sqlite:///x", [])
     assert sweep.finish(find(done), []) == "p"
-    mlflow_mirror.sync_now(find(done), "sqlite:///x", [])
+    sync_now(find(done), "sqlite:///x", [])
     assert sorted(store.runs) == sorted(record.cell.id for _, record in records)
 
 
 def test_a_sweep_that_ends_during_a_sync_waits_for_it(
     done: Results, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with writing_to_mlflow(done.folder):
+    with MLFLOW.held(done.folder):
         monkeypatch.setattr(tracker, "PATIENCE", 0.0)
         refused = Tracker(done, "sqlite:///x")
         assert refused.finish(find(done), []) is None
         assert "is being written into MLflow by process" in str(refused.error)
     monkeypatch.setattr(tracker, "PATIENCE", 10.0)
-    other = writing_to_mlflow(done.folder)
+    other = MLFLOW.held(done.folder)
     other.__enter__()
     threading.Timer(0.5, lambda: other.__exit__(None, None, None)).start()
     assert Tracker(done, "sqlite:///x").finish(find(done), []) == "p"
@@ -101,7 +103,7 @@ def test_a_store_that_fails_at_the_end_is_not_left_running(done: Results, store:
     store.broken = True
     if by_hand:
         with pytest.raises(Exception, match="the store is away"):
-            mlflow_mirror.sync_now(find(done), "sqlite:///x", [])
+            sync_now(find(done), "sqlite:///x", [])
     else:
         assert Tracker(done, "sqlite:///x").finish(find(done), []) is None
     assert store.status == "FAILED"

@@ -1,0 +1,46 @@
+"""Bringing a tracker up to a sweep's results table."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from orchestrator.errors import SweepError
+from orchestrator.tracking.backend import TrackingBackend
+from orchestrator.tracking.trackers import kind_of
+from orchestrator.tracking.uri import shown
+
+if TYPE_CHECKING:
+    from orchestrator.analysis.findings import Findings
+
+
+def sync(findings: Findings, uri: str, artifacts: Iterable[Path], backend: TrackingBackend | None = None) -> str:
+    """Write what is missing, and replace what has changed; the name of the copy: in MLflow, the parent run's id."""
+    results = findings.results
+    backend = backend or kind_of(uri).load()(results, uri)
+    try:
+        for stage, cell, head in results.ended():
+            if head is not None:
+                backend.write_cell(stage, head, partial(results.log.record, cell.id))
+        backend.finish(findings, artifacts)
+    except BaseException:
+        with contextlib.suppress(Exception):  # a store that is away
+            backend.end("FAILED")
+        raise
+    return backend.parent
+
+
+def sync_now(findings: Findings, uri: str, artifacts: Iterable[Path]) -> str:
+    """`sync` for a person who waits for it. InputError where another process writes the sweep there, its driver
+    above all; SweepError where the place does not answer.
+    """
+    kind = kind_of(uri)
+    backend = kind.load()
+    try:
+        with kind.held(findings.results.folder):
+            return sync(findings, uri, artifacts)
+    except backend.errors as error:
+        raise SweepError(f"{kind.title} at {shown(uri)} cannot be written to: {str(error).splitlines()[0]}") from None

@@ -1,0 +1,97 @@
+"""The trackers that there are, as data: which one a tracking URI means. Light to import."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from orchestrator.results.lock import writing_to
+
+if TYPE_CHECKING:
+    from orchestrator.tracking.backend import TrackingBackend
+
+
+@dataclass(frozen=True)
+class TrackerKind:
+    """One kind of tracker."""
+
+    key: str
+    """Names its lock in a sweep's folder."""
+    title: str
+    """What messages call it."""
+    schemes: tuple[str, ...]
+    """What its URIs begin with, before the colon."""
+    backend: str
+    """'module:Class' of its TrackingBackend, imported when a sweep is written."""
+    check: str = ""
+    """'module:function' that raises InputError for a URI of its schemes that it cannot use."""
+    has_registry: bool = False
+    """Whether trained sources can be registered there, and `deltatune ui` shows it."""
+
+    def load(self) -> type[TrackingBackend]:
+        """Import the backend."""
+        return cast("type[TrackingBackend]", _named(self.backend))
+
+    def checked(self, uri: str) -> str:
+        """Return the URI; InputError for one that cannot be used."""
+        if self.check:
+            _named(self.check)(uri)
+        return uri
+
+    @contextmanager
+    def held(self, folder: Path) -> Iterator[None]:
+        """Be the one who writes the sweep in `folder` there; InputError that names who does already."""
+        with writing_to(folder, self.key, self.title):
+            yield
+
+
+MLFLOW = TrackerKind(
+    "mlflow",
+    "MLflow",
+    ("sqlite", "postgresql", "mysql", "mssql", "http", "https", "databricks"),
+    "orchestrator.tracking.mlflow_mirror:Mirror",
+    has_registry=True,
+)
+
+TRACKERS: tuple[TrackerKind, ...] = (
+    MLFLOW,
+    TrackerKind(
+        "jsonl",
+        "the JSON lines",
+        ("jsonl",),
+        "orchestrator.tracking.json_lines:JsonLines",
+        check="orchestrator.tracking.json_lines:check",
+    ),
+)
+
+
+def scheme(uri: str) -> str:
+    """Return what a URI begins with, without the driver of a database (mysql+pymysql)."""
+    return uri.partition(":")[0].split("+")[0].lower()
+
+
+def tracker_of(uri: str) -> TrackerKind | None:
+    """Return the kind of tracker that a URI is of, or None."""
+    return next((kind for kind in TRACKERS if scheme(uri) in kind.schemes), None)
+
+
+def kind_of(uri: str) -> TrackerKind:
+    """Return the same for a URI that was checked."""
+    return tracker_of(uri) or MLFLOW
+
+
+def without_registry(uri: str) -> str:
+    """Return a sentence for a tracker that has no registry of trained sources; empty for one that has."""
+    kind = kind_of(uri)
+    if kind.has_registry:
+        return ""
+    return f"MLflow alone has a registry of trained sources, and {kind.title} ({uri}) have none"
+
+
+def _named(text: str) -> Any:
+    module, _, name = text.partition(":")
+    return getattr(import_module(module), name)
