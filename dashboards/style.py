@@ -46,6 +46,14 @@ PALETTE = {
     "violet": Look("#6a3d9a", "#b08be0", (4, 2, 1.5, 2), "diamond"),
     "brown": Look("#8c510a", "#c98d4b", (8, 2), "square"),
     "teal": Look("#01665e", "#4fb3a9", (2.5, 1.5), "triangle-up"),
+    "ochre": Look("#b5651d", "#e8a15c", (1, 2), "triangle-up"),
+    "plum": Look("#7b3f61", "#c084a6", (3, 1.5, 1, 1.5), "triangle-down"),
+    "moss": Look("#4b5d16", "#a3bf4f", (5, 1.5), "circle"),
+    "slate": Look("#37526d", "#8fb0cf", (6, 1.5, 2, 1.5), "x"),
+    "rust": Look("#a23b1e", "#e57f5f", (2, 1), "square"),
+    "pine": Look("#1f5b3a", "#63b886", (4, 1, 1, 1), "diamond"),
+    "indigo": Look("#3f3d9e", "#8f8dea", (8, 1.5, 1, 1.5), "pentagon"),
+    "steel": Look("#5b7083", "#a9bccd", (3, 3), "triangle-down"),
     "wine": Look("#882255", "#d36a9d", (5, 2, 1.5, 2), "pentagon"),
 }
 """Looks by name. A deep agent may have that of its tabular kin, which it never meets."""

@@ -28,7 +28,7 @@ DEEP = {
     "seeds": 1,
     "scenarios": [{"source": {"task": "cartpole", "agent": "dqn"}, "targets": ["cartpole:gravity=5x"]}],
     "hyperparameters": {"episodes": [6], "evaluation_episodes": [2], "hidden_size": [8], "batch_size": [8]},
-    "agents": {"dqn": {}, "corrected_es": {}},
+    "agents": {"dqn": {}, "bonus_es": {}},
 }
 
 
@@ -92,11 +92,11 @@ def overlay(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_new_agents_and_the_new_task_are_listed(overlay: Path, tmp_path: Path) -> None:
     listed = run(overlay, tmp_path, "agents")
     assert "warm_reuse" in listed
-    assert "corrected_es" in listed
+    assert "bonus_es" in listed
     assert "corridor" in run(overlay, tmp_path, "tasks")
 
 
-@pytest.mark.parametrize(("space", "agent"), [(TABULAR, "warm_reuse"), (DEEP, "corrected_es")])
+@pytest.mark.parametrize(("space", "agent"), [(TABULAR, "warm_reuse"), (DEEP, "bonus_es")])
 def test_a_sweep_with_them_runs_and_is_reported(overlay: Path, tmp_path: Path, space: dict, agent: str) -> None:
     (tmp_path / "space.yaml").write_text(yaml.safe_dump(space))
     shown = run(

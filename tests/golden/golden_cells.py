@@ -73,6 +73,7 @@ def transfers() -> Named:
     """The other cells by a name to speak of them."""
     yield from _tabular()
     yield from _deep()
+    yield from _baselines()
     yield from _other_tasks()
 
 
@@ -123,6 +124,25 @@ def _deep() -> Named:
         Cell.create("delta_select_es", HEAVY, 0, chosen | {"floor": "greedy"}, [best, other]),
     )
     yield "delta_select_es/exploring", Cell.create("delta_select_es", HEAVY, 0, chosen, [best, other])
+
+
+def _baselines() -> Named:
+    cart = sources()["dqn/cartpole"]
+    best, soon = learned(cart, "best"), learned(cart, "last", 400)
+    yield "warm_start/learned", Cell.create("warm_start", HEAVY, 0, DEEP, best)
+    yield "warm_start/fresh", Cell.create("warm_start", HEAVY, 1, DEEP | {"last_layer": "fresh"}, soon)
+    yield "corrected_es/learned", Cell.create("corrected_es", HEAVY, 0, DEEP, best)
+    yield "corrected_es/shaped", Cell.create("corrected_es", HEAVY, 1, DEEP | {"evaluation_policy": "shaped"}, soon)
+    brief = DEEP | {"floor_updates": 50}
+    yield "relative_es/learned", Cell.create("relative_es", HEAVY, 0, brief, best)
+    yield "relative_es/quantile", Cell.create("relative_es", HEAVY, 1, brief | {"floor": "quantile"}, soon)
+    yield "jsrl/learned", Cell.create("jsrl", HEAVY, 0, DEEP, soon)
+    yield "ppr_dqn/learned", Cell.create("ppr_dqn", HEAVY, 0, DEEP | {"nu": 0.8}, best)
+    yield "kickstart/learned", Cell.create("kickstart", HEAVY, 0, DEEP, best)
+    yield "kickstart/ends", Cell.create("kickstart", HEAVY, 1, DEEP | {"weight": 3.0, "temperature": 0.1}, soon)
+    yield "replay_seed/learned", Cell.create("replay_seed", HEAVY, 0, DEEP | {"source_transitions": 300}, best)
+    yield "constant_es/learned", Cell.create("constant_es", HEAVY, 0, DEEP, best)
+    yield "shuffled_es/learned", Cell.create("shuffled_es", HEAVY, 0, DEEP, best)
 
 
 def _other_tasks() -> Named:

@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from trainables.agents import custom
 from trainables.agents.agent import Agent
+from trainables.agents.builtin.baselines.ablations import CONSTANT_ES, SHUFFLED_ES
+from trainables.agents.builtin.baselines.corrected_shaping import CORRECTED_ES
+from trainables.agents.builtin.baselines.jump_start import JSRL
+from trainables.agents.builtin.baselines.kickstart import KICKSTART
+from trainables.agents.builtin.baselines.ppr_dqn import PPR_DQN
+from trainables.agents.builtin.baselines.relative_shaping import RELATIVE_ES
+from trainables.agents.builtin.baselines.replay_seed import REPLAY_SEED
+from trainables.agents.builtin.baselines.warm_start import WARM_START
 from trainables.agents.builtin.delta_select import DELTA_SELECT
 from trainables.agents.builtin.delta_select_es import DELTA_SELECT_ES
 from trainables.agents.builtin.dqn import DQN_AGENT
@@ -34,6 +42,15 @@ AGENTS: dict[str, Agent] = {
         DELTA_SELECT_ES,
         DPBA,
         DELTA_DPBA,
+        WARM_START,
+        CORRECTED_ES,
+        RELATIVE_ES,
+        JSRL,
+        PPR_DQN,
+        KICKSTART,
+        REPLAY_SEED,
+        CONSTANT_ES,
+        SHUFFLED_ES,
     )
 }
 """In the order in which they are listed everywhere."""

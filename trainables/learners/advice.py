@@ -6,14 +6,16 @@ An agent's hyperparameters name its strategy (`DQN.advice`); an agent with anoth
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from trainables.agents.builtin.dqn import DQN
+from trainables.cell import Cell
 from trainables.delta.sample import chosen
 from trainables.errors import InputError
+from trainables.learners.replay_buffer import Batch
 from trainables.networks.network import Network
 from trainables.numerics.jit import compiled
 from trainables.numerics.matmul import F32
@@ -48,6 +50,17 @@ class Follows(NamedTuple):
     """What stands for delta(s, .) where there is no delta network."""
 
 
+class Run(NamedTuple):
+    """What a strategy may use of the run that it takes part in."""
+
+    cell: Cell
+    q: Network
+    target: Network
+    exploration: np.random.Generator
+    remembered: Callable[[], F32]
+    """States that the replay buffer holds, (n, inputs)."""
+
+
 class Advice:
     """No advice: the agent acts on Q and learns from the rewards as they are. The base of every strategy."""
 
@@ -65,6 +78,16 @@ class Advice:
     ) -> None:
         """source_steps: T, the steps that the source run took."""
         self.settings, self.source, self.delta = settings, source, delta
+
+    def begin(self, run: Run) -> None:
+        """Do what is to be done once, before the first episode."""
+
+    def episode(self, number: int) -> None:
+        """Take note that an episode begins; the first is number 0."""
+
+    def guided(self, observation: F32) -> int | None:
+        """Return the source's action where it acts in the agent's place, else None; not asked while kappa is 0."""
+        return None
 
     def decay(self) -> bool:
         """Take one step of line 5; whether the advice ended with it."""
@@ -84,6 +107,10 @@ class Advice:
     def shape_reward(self, seen: Transitions, values: F32) -> F32:
         """Return the rewards (n,) to learn from; `values` (n, actions) at s' become those that are maximised there."""
         return seen.rewards
+
+    def learn(self, q: Network, batch: Batch) -> float:
+        """Update Q by a minibatch and return the loss; not asked while kappa is 0."""
+        return q.update(batch.observations, batch.actions, batch.td_targets)
 
     def evaluated(self, values: F32, observations: F32) -> F32:
         """Return what greedy evaluation maximises, (n, actions); `values` (n, actions) are Q's, and may change."""

@@ -19,7 +19,7 @@ from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.errors import TrainingError
 from trainables.knowledge import Knowledge
-from trainables.learners.advice import Advice
+from trainables.learners.advice import Advice, Run
 from trainables.learners.episode.loop import EpisodeLoop, Progress, episode_loop
 from trainables.learners.greedy_evaluation import greedy_returns
 from trainables.learners.replay_buffer import Replay
@@ -52,6 +52,7 @@ class DeepLearner:
         self._evaluation_envs: list[Environment] = []
         self._episode = self._steps = 0
         self._losses, self._updates, self._returns, self._since = 0.0, 0, 0.0, 0  # since the last evaluation
+        self._advice.begin(Run(cell, self._q, self._target, self._rngs["exploration"], self._remembered_states))
         self._best, self._best_return = self._q.vector(), -math.inf
 
     def _build_networks(self, cell: Cell) -> None:
@@ -92,6 +93,7 @@ class DeepLearner:
         """Train for `episodes` more episodes. Raises TrainingError where a number is no longer finite."""
         for _ in range(episodes):
             observation = self._env.reset(_seed(self._rngs["training_env"]))
+            self._advice.episode(self._episode)
             done = self._run_compiled(observation)
             while not done:
                 observation, done = self._step(observation)
@@ -100,10 +102,11 @@ class DeepLearner:
 
     def _run_compiled(self, observation: F32) -> bool:
         """Run a whole episode as one compiled function, equal to `_step` bit for bit; whether there is one."""
-        if self._loop is None:
+        loop = self._late_loop if self._loop is None and not self._advice.kappa else self._loop
+        if loop is None:
             return False
         before = Progress(self._steps, self._losses, self._updates, self._returns)
-        after, loss = self._loop.episode(observation, self._epsilon(), before, self._remembered_states)
+        after, loss = loop.episode(observation, self._epsilon(), before, self._remembered_states)
         self._steps, self._losses, self._updates, self._returns = after
         if not math.isfinite(loss):
             raise TrainingError(self._cause(loss))
@@ -112,12 +115,20 @@ class DeepLearner:
     @functools.cached_property
     def _loop(self) -> EpisodeLoop | None:
         """The compiled episodes; None where `_step` takes the steps, or somebody's own method in its place."""
+        return self._compiled(advised=True)
+
+    @functools.cached_property
+    def _late_loop(self) -> EpisodeLoop | None:
+        """The compiled episodes for when the advice has ended, whatever it was."""
+        return self._compiled(advised=False)
+
+    def _compiled(self, advised: bool) -> EpisodeLoop | None:
         parts = "_step", "_action", "_epsilon", "_learn"
         if any(getattr(type(self), name) is not getattr(DeepLearner, name) for name in parts):
             return None
         exploration, networks = self._rngs["exploration"], (self._q, self._target, self._delta)
         return episode_loop(
-            self._settings, self._env, exploration, self._replay, self._targets, self._advice, *networks
+            self._settings, self._env, exploration, self._replay, self._targets, self._advice, *networks, advised
         )
 
     def _step(self, observation: F32) -> tuple[F32, bool]:
@@ -138,8 +149,10 @@ class DeepLearner:
         return next_observation, terminated or truncated
 
     def _action(self, observation: F32) -> int:
-        """Epsilon-greedy on the values of eq. (5)."""
+        """Epsilon-greedy on the values of eq. (5), unless the source acts."""
         rng = self._rngs["exploration"]
+        if self._advice.kappa and (guided := self._advice.guided(observation)) is not None:
+            return guided
         if rng.random() < self._epsilon():
             return int(rng.integers(self._env.actions))
         q = self._q.row(observation)
@@ -148,15 +161,18 @@ class DeepLearner:
     def _epsilon(self) -> float:
         settings = self._settings
         n = self._episode if settings.epsilon_unit == "episodes" else self._steps
-        span = settings.epsilon_start - settings.epsilon_end
-        return settings.epsilon_end + span * math.exp(-n / settings.epsilon_decay)
+        start, decay = settings.epsilon_schedule
+        return settings.epsilon_end + (start - settings.epsilon_end) * math.exp(-n / decay)
 
     def _learn(self) -> None:
         batch = self._replay.sample(self._targets)  # 9; one minibatch serves both networks
         delta_loss = 0.0
         if self._delta is not None and not self._advice.delta_rests:
             delta_loss = self._delta.update(batch.observations, batch.actions, batch.delta_targets)  # 8, eq. (4)
-        loss = self._q.update(batch.observations, batch.actions, batch.td_targets)  # 10
+        if self._advice.kappa:  # 10
+            loss = self._advice.learn(self._q, batch)
+        else:
+            loss = self._q.update(batch.observations, batch.actions, batch.td_targets)
         if not math.isfinite(loss + delta_loss):
             raise TrainingError(self._cause(loss + delta_loss))
         self._losses += loss

@@ -106,9 +106,18 @@ def update(
 
     The loss, which is returned, is the mean of (output - target)^2, or Huber's with its bend at 1.
     """
-    batch, n_out, rows = len(actions), sizes[-1], padded(work.batch[0])
+    batch = len(actions)
     load_batch(sizes[0], x, batch, work)
-    z0, e0 = forward(sizes, parameters, batch, work), errors_at(sizes, work)
+    total = output_errors(sizes, forward(sizes, parameters, batch, work), actions, targets, huber, work)
+    backward(sizes, parameters, batch, work)
+    adam(parameters, first, second, work.gradient, step, rate, max_norm)
+    return total / batch
+
+
+@compiled
+def output_errors(sizes: I64, z0: int, actions: I64, targets: F32, huber: bool, work: Workspace) -> float:
+    """Fill E_L from the outputs at z0: d loss / d output, 0 but for `actions`. Return the loss, as a sum."""
+    batch, n_out, rows, e0 = len(actions), sizes[-1], padded(work.batch[0]), errors_at(sizes, work)
     for panel in range(e0, e0 + padded(n_out) * rows, rows * WIDTH):
         work.errors[panel : panel + batch * WIDTH] = 0.0
     total, share = 0.0, np.float32(1.0 / batch)
@@ -125,9 +134,7 @@ def update(
         else:
             total += abs(error) - np.float32(0.5)
             work.errors[at] = share if error > 0 else (-share if error < 0 else error)
-    backward(sizes, parameters, batch, work)
-    adam(parameters, first, second, work.gradient, step, rate, max_norm)
-    return total / batch
+    return total
 
 
 @compiled

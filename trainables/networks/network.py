@@ -25,6 +25,20 @@ class Network(Protocol):
     def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
         """One Adam step towards targets (B,) at observations (inputs, B), flat, and actions (B,); the loss."""
 
+    def distil(
+        self,
+        observations: F32,
+        actions: NDArray[np.int64],
+        targets: F32,
+        teacher: F32,
+        weight: float,
+        temperature: float,
+    ) -> float:
+        """`update` with weight KL(softmax(teacher / temperature), softmax(Q / temperature)) in the loss.
+
+        teacher: (B, actions).
+        """
+
     def row(self, observation: F32) -> F32:
         """Q(s, .) (actions,) at one observation (inputs,)."""
 

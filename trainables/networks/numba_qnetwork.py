@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from trainables.networks import mlp
+from trainables.networks import distillation, mlp
 from trainables.networks.workspace import Workspace, aligned, parameter_count, workspace
 from trainables.numerics.matmul import F32
 
@@ -65,6 +65,24 @@ class QNetwork:
         """
         self.updates += 1
         return mlp.update(*self._trained, observations, actions, targets, self.updates, *self._settings)
+
+    def distil(
+        self,
+        observations: F32,
+        actions: NDArray[np.int64],
+        targets: F32,
+        teacher: F32,
+        weight: float,
+        temperature: float,
+    ) -> float:
+        """`update` with weight KL(softmax(teacher / temperature), softmax(Q / temperature)) in the loss, as a mean.
+
+        teacher: (B, actions).
+        """
+        self.updates += 1
+        return distillation.update(
+            *self._trained, observations, actions, targets, teacher, weight, temperature, self.updates, *self._settings
+        )
 
     def row(self, observation: F32) -> F32:
         """Q(s, .) of one observation (obs_dim,), as (actions,). The next call overwrites it."""

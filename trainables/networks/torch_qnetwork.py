@@ -53,9 +53,32 @@ class TorchNetwork:
 
     def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
         """One Adam step on Q(s,a); the loss before it. observations: (inputs, B), flat."""
-        x = self._tensor(observations).view(self._inputs, -1).T
-        q = self.module(x).gather(1, self._tensor(actions)[:, None])[:, 0]
-        loss = self._loss(q, self._tensor(targets))
+        return self._descend(self._td_loss(self._values(observations), actions, targets))
+
+    def distil(
+        self,
+        observations: F32,
+        actions: NDArray[np.int64],
+        targets: F32,
+        teacher: F32,
+        weight: float,
+        temperature: float,
+    ) -> float:
+        """`update` with weight KL(softmax(teacher / temperature), softmax(Q / temperature)) in the loss."""
+        values = self._values(observations)
+        student = torch.log_softmax(values / temperature, dim=1)
+        taught = torch.log_softmax(self._tensor(teacher) / temperature, dim=1)
+        distance = nn.functional.kl_div(student, taught, reduction="batchmean", log_target=True)
+        return self._descend(self._td_loss(values, actions, targets) + weight * distance)
+
+    def _values(self, observations: F32) -> torch.Tensor:
+        return cast("torch.Tensor", self.module(self._tensor(observations).view(self._inputs, -1).T))
+
+    def _td_loss(self, values: torch.Tensor, actions: NDArray[np.int64], targets: F32) -> torch.Tensor:
+        q = values.gather(1, self._tensor(actions)[:, None])[:, 0]
+        return self._loss(q, self._tensor(targets))
+
+    def _descend(self, loss: torch.Tensor) -> float:
         self._optimiser.zero_grad()
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.module.parameters(), self._max_norm)

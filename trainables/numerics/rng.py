@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-Role = Literal["training_env", "evaluation_env", "exploration", "network_init", "replay", "calibration"]
+Role = Literal["training_env", "evaluation_env", "exploration", "network_init", "replay", "calibration", "advice"]
 
 _SPAWN_KEYS: dict[Role, int] = {
     "training_env": 0,
@@ -16,6 +16,7 @@ _SPAWN_KEYS: dict[Role, int] = {
     "network_init": 3,
     "replay": 4,
     "calibration": 5,
+    "advice": 6,
 }
 
 

@@ -351,6 +351,7 @@ def test_an_environments_nan_fails_the_cell_with_the_cause(source: Knowledge, mo
     agent = learner("dqn", source)
     observation = np.array([np.nan, 0, 0, 0], np.float32)
     monkeypatch.setattr(agent, "_loop", None)
+    monkeypatch.setattr(agent, "_late_loop", None)
     monkeypatch.setattr(agent._env, "step", lambda action: (observation, 1.0, False, False))
     with pytest.raises(TrainingError, match=r"environment returned .*observations that are not finite"):
         agent.run(1)

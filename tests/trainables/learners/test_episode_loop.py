@@ -24,7 +24,7 @@ SMALL: dict[str, Any] = {
     "learning_rate": 1e-3,
     "epsilon_start": 0.4,
 }
-AGENTS = ["dqn", "es", "delta_es", "dpba", "delta_dpba", "delta_select_es"]
+AGENTS = ["dqn", "es", "delta_es", "dpba", "delta_dpba", "delta_select_es", "warm_start", "constant_es"]
 OPTIONS: list[tuple[str, dict[str, Any]]] = [
     ("dqn", {"loss": "huber"}),
     ("dqn", {"epsilon_unit": "steps", "epsilon_decay": 60.0, "truncation": "terminal"}),
@@ -55,7 +55,7 @@ def pair(agent: str, name: str, sources: dict[str, Knowledge], **given: Any) -> 
     knowledge = joined([sources[name]] * count) if count else None
     made = DeepSelectLearner if agent == "delta_select_es" else DeepLearner
     compiled, plain = made(cell, knowledge), made(cell, knowledge)
-    plain._loop = None  # type: ignore[misc]
+    plain._loop = plain._late_loop = None  # type: ignore[misc]
     return compiled, plain
 
 
@@ -90,6 +90,33 @@ def test_every_deep_agent_learns_the_same_bits(agent: str, name: str, sources: d
 @pytest.mark.parametrize(("agent", "given"), OPTIONS)
 def test_every_option_learns_the_same_bits(agent: str, given: dict[str, Any], sources: dict[str, Knowledge]) -> None:
     train_both(*pair(agent, "cartpole", sources, **given))
+
+
+LATE: dict[str, dict[str, Any]] = {
+    "corrected_es": {},
+    "relative_es": {"floor_updates": 20},
+    "jsrl": {},
+    "ppr_dqn": {"nu": 0.1},
+    "kickstart": {},
+    "replay_seed": {"source_transitions": 60},
+    "shuffled_es": {},
+}
+
+
+@pytest.mark.parametrize("agent", LATE)
+def test_a_source_used_in_another_way_is_left_to_the_plain_loop_until_its_use_has_ended(
+    agent: str, sources: dict[str, Knowledge]
+) -> None:
+    found, plain = pair(agent, "cartpole", sources, **LATE[agent])
+    assert found._loop is None
+    assert found._advice.kappa == 1.0
+    for _ in range(3):
+        for learner in (found, plain):
+            learner.run(8)
+        assert same(found.state(), plain.state())
+    assert found._advice.kappa == 0.0
+    assert "_late_loop" in vars(found)
+    assert found._late_loop is not None
 
 
 def test_minibatches_beyond_the_first_block_are_drawn_alike(sources: dict[str, Knowledge]) -> None:

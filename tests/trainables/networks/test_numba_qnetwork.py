@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 import torch
@@ -105,6 +107,26 @@ def test_the_torch_path_learns_the_same() -> None:
         targets = rng.standard_normal(16).astype(np.float32)
         assert theirs.update(x, actions, targets) == pytest.approx(ours.update(x, actions, targets), rel=1e-4)
     assert np.abs(theirs.vector() - ours.vector()).max() < 1e-6
+
+
+@pytest.mark.parametrize("loss", ["squared", "huber"])
+def test_distillation_is_torchs(loss: Literal["squared", "huber"]) -> None:
+    """The gradient written by hand, of both losses, is autograd's, and weight 0 is the plain update."""
+    settings = DQN(device="cpu", loss=loss, batch_size=16)
+    ours, plain = (network((4, 32, 32, 3), 16, huber=loss == "huber") for _ in range(2))
+    theirs = TorchNetwork(settings, 4, 3, 1e-3, torch.Generator(), (32, 32))
+    theirs.load_vector(ours.vector())
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        x, targets = rng.normal(size=4 * 16).astype(np.float32), rng.normal(size=16).astype(np.float32)
+        actions, teacher = rng.integers(3, size=16), rng.normal(size=(16, 3)).astype(np.float32)
+        losses = [each.distil(x, actions, targets, teacher, 2.0, 0.5) for each in (ours, theirs)]
+        assert losses[0] == pytest.approx(losses[1], rel=1e-4)
+    np.testing.assert_allclose(ours.vector(), theirs.vector(), atol=1e-4)
+    other = network((4, 32, 32, 3), 16, huber=loss == "huber")
+    plain.update(x, actions, targets)
+    other.distil(x, actions, targets, teacher, 0.0, 0.5)
+    np.testing.assert_array_equal(plain.vector(), other.vector())
 
 
 @pytest.mark.parametrize("name", ["nowhere:f", "math:nothing", "nonsense"])

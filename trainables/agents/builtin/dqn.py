@@ -51,6 +51,11 @@ class DQN(Hyperparameters):
     device: Literal["cpu", "cuda"] = "cpu"
     """Where torch computes; the built-in perceptron on the CPU is the compiled one."""
 
+    @property
+    def epsilon_schedule(self) -> tuple[float, float]:
+        """Epsilon at the start, and its decay."""
+        return self.epsilon_start, self.epsilon_decay
+
     @model_validator(mode="after")
     def _batch_fits(self) -> Self:
         if self.batch_size > self.replay_capacity:

@@ -123,12 +123,13 @@ class EpisodeLoop:
 
     def _options(self, epsilon: float, follows: Follows) -> Options:
         settings, advice = self._settings, self._advice
+        epsilon_start, epsilon_decay = settings.epsilon_schedule
         return Options(
             epsilon,
             settings.epsilon_unit == "steps",
             settings.epsilon_end,
-            settings.epsilon_start - settings.epsilon_end,
-            settings.epsilon_decay,
+            epsilon_start - settings.epsilon_end,
+            epsilon_decay,
             settings.target_update,
             settings.truncation == "terminal",
             follows.source is not None,
@@ -150,13 +151,18 @@ def episode_loop(
     q: Network,
     target: Network,
     delta: Network | None,
+    advised: bool = True,
 ) -> EpisodeLoop | None:
     """Return the compiled episodes of a learner, or None where a part of it is not compiled.
 
-    These are an environment without a simulator, a network that is torch's, and advice that computes another way.
+    These are an environment without a simulator, a network that is torch's, and advice that computes another way;
+    with `advised` False the advice has ended, and how it computed makes no difference.
     """
-    known = type(advice).best in (Advice.best, SourceAdvantage.best)
-    known &= type(advice).decay in (Advice.decay, ExplicitShaping.decay)
+    kind = type(advice)
+    known = kind.decay in (Advice.decay, ExplicitShaping.decay)
+    if advised:
+        known &= kind.best in (Advice.best, SourceAdvantage.best)
+        known &= kind.guided is Advice.guided and kind.learn is Advice.learn
     if env.simulator is None or not known:
         return None
     networks = q, target, q if delta is None else delta, advice.follows().source or q

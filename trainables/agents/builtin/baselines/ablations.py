@@ -1,0 +1,51 @@
+"""Ablations of Algorithm 2: the size of its factor, without what the factor says of a state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from trainables.agents.agent import Agent
+from trainables.agents.builtin.dqn import LEARNER
+from trainables.agents.builtin.explicit_shaping import DeltaShaping
+from trainables.agents.plots import ADVICE_FACTOR, DELTA_P90, KAPPA
+
+
+class ConstantShaping(DeltaShaping):
+    """delta_es with one factor for all states, the mean of what the states have there; an ablation."""
+
+    advice: ClassVar[Any] = "trainables.learners.baselines.ablations:ConstantFactor"
+    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+
+
+class ShuffledShaping(DeltaShaping):
+    """delta_es with the factor of another state, drawn at random; an ablation."""
+
+    advice: ClassVar[Any] = "trainables.learners.baselines.ablations:ShuffledFactor"
+    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+
+
+CONSTANT_ES = Agent(
+    "constant_es",
+    "ablation of delta_es: one factor of the same mean for all states",
+    ConstantShaping,
+    "dqn",
+    LEARNER,
+    "deep",
+    shown=("advice_fraction",),
+    look="ochre",
+    plots=(KAPPA, ADVICE_FACTOR, DELTA_P90),
+)
+
+SHUFFLED_ES = Agent(
+    "shuffled_es",
+    "ablation of delta_es: each state has the factor of another",
+    ShuffledShaping,
+    "dqn",
+    LEARNER,
+    "deep",
+    shown=("advice_fraction",),
+    look="plum",
+    plots=(KAPPA, ADVICE_FACTOR, DELTA_P90),
+)

@@ -1,0 +1,26 @@
+"""Uses of a source that add nothing to Q and fade with kappa, eq. (6)."""
+
+from __future__ import annotations
+
+from trainables.learners.advice import ExplicitShaping, Follows
+from trainables.numerics.matmul import F32
+
+
+class Annealed(ExplicitShaping):
+    """Acts on Q and is evaluated by Q; what it does with the source is weighed by kappa, which ends as that of es."""
+
+    def follows(self) -> Follows:
+        """Return nothing: no action is chosen by the source's values."""
+        return Follows()
+
+    def best(self, q: F32, observation: F32) -> int:
+        """Return argmax Q."""
+        return int(q.argmax())
+
+    def evaluated(self, values: F32, observations: F32) -> F32:
+        """Return Q."""
+        return values
+
+    def statistics(self, observations: F32) -> dict[str, float]:
+        """Return kappa."""
+        return {"kappa": self.kappa}

@@ -1,0 +1,47 @@
+"""Jump-start reinforcement learning: the source acts in the first steps of an episode."""
+
+from __future__ import annotations
+
+from trainables.learners.advice import Run
+from trainables.learners.baselines.annealed import Annealed
+from trainables.numerics.matmul import F32
+from trainables.numerics.rng import stream
+from trainables.tasks.registry import parse_task
+from trainables.tasks.rollout import Rollout
+
+EPISODES = 10
+"""Episodes of the source on the target task, whose mean length is the horizon."""
+
+
+class JumpStart(Annealed):
+    """The source takes the first h = kappa H steps of an episode; then the agent acts as DQN does.
+
+    H is the mean length of the source's own episodes on the target task, which it plays before training.
+    """
+
+    def begin(self, run: Run) -> None:
+        """Play the source on the target task for the horizon."""
+        rollout = Rollout(parse_task(run.cell.task), stream(run.cell.seed, "calibration", run.cell.task))
+        lengths = [len(rollout.episode(self.source).actions) for _ in range(EPISODES)]
+        self._horizon = sum(lengths) / EPISODES
+        self._left = 0
+
+    @property
+    def guide_steps(self) -> int:
+        """h, the steps that the source takes at the start of an episode that begins now."""
+        return round(self.kappa * self._horizon)
+
+    def episode(self, number: int) -> None:
+        """Take note of h for the episode that begins."""
+        self._left = self.guide_steps
+
+    def guided(self, observation: F32) -> int | None:
+        """Return the source's action in the first h steps."""
+        if self._left <= 0:
+            return None
+        self._left -= 1
+        return int(self.source.row(observation).argmax())
+
+    def statistics(self, observations: F32) -> dict[str, float]:
+        """Return kappa and h."""
+        return super().statistics(observations) | {"guide_steps": float(self.guide_steps)}

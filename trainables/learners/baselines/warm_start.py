@@ -1,0 +1,33 @@
+"""A warm start: Q begins with the source's weights."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from trainables.errors import InputError
+from trainables.learners.advice import Advice, Run
+from trainables.networks.network import Network
+
+
+class WarmStart(Advice):
+    """No advice: Q and the target network begin as Q_src, all of it or all but the last layer."""
+
+    settings: Any
+    source: Network
+
+    def begin(self, run: Run) -> None:
+        """Give Q the source's weights; InputError where they do not fit the network of these settings."""
+        theirs, ours = self.source.sizes.tolist(), run.q.sizes.tolist()
+        if theirs != ours:
+            raise InputError(
+                f"{run.cell.agent} begins with the source's weights, whose hidden layers have {theirs[1:-1]} units, "
+                f"but hidden_layers and hidden_size ask for {ours[1:-1]}"
+            )
+        vector = self.source.vector()
+        if self.settings.last_layer == "fresh":
+            if not ours:
+                raise InputError("last_layer 'fresh' is for the built-in perceptron, not for a module of one's own")
+            fresh = (ours[-2] + 1) * ours[-1]
+            vector[-fresh:] = run.q.vector()[-fresh:]
+        for network in (run.q, run.target):
+            network.load_vector(vector)
