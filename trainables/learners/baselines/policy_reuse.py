@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from trainables.agents.hyperparameters import DQN
+from trainables.agents.builtin.dqn import DQN
 from trainables.learners.advice import Advice, Run
 from trainables.networks.network import Network
 from trainables.numerics.matmul import F32
