@@ -53,7 +53,8 @@ def sweep(
     console = Console(stderr=True, quiet=not progress, highlight=False, markup=False)
     if said := few_evaluations_in(chosen):
         console.print(said, style="yellow", soft_wrap=True)
-    with SweepSession.open(folder, name or chosen.name, chosen, tracking_uri=uri, console=console) as session:
+    name = chosen.name if name is None else name
+    with SweepSession.open(folder, name, chosen, tracking_uri=uri, console=console) as session:
         if session.run(settings, meanwhile=load_renderers).left:
             raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to go on")
         published = publish(session.results)

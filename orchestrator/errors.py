@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from trainables.errors import InfrastructureError, InputError
+import errno
+
+from trainables.errors import InfrastructureError, InputError, one_line
+from trainables.storage.paths import foreign
+
+BAD_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.EINVAL)
+"""What the system says of a path that is wrong in itself, wherever it is used."""
+
+LONGEST = 2000
+"""Most characters of a sentence."""
 
 
 class SweepError(InfrastructureError):
@@ -18,18 +27,20 @@ class LeaseLostError(OSError):
 
 
 def exit_code(error: Exception) -> int | None:
-    """Return 2 for bad input, 130 for an interruption, 1 for a sweep that stopped or a file that the system refuses;
-    None for an error of our own making.
+    """Return 2 for bad input, 130 for an interruption, 1 for a sweep that stopped, a file that the system refuses or a
+    storage that does not answer; None for an error of our own making.
     """
-    if isinstance(error, InputError):
+    if isinstance(error, InputError) or (isinstance(error, OSError) and error.errno in BAD_PATH):
         return 2
     if isinstance(error, InterruptedSweepError):
         return 130
-    return 1 if isinstance(error, SweepError | OSError) else None
+    return 1 if isinstance(error, SweepError | OSError) or foreign(error) else None
 
 
 def sentence(error: Exception) -> str:
-    """Return what an error says to people."""
+    """Return what an error says to people, in one line."""
+    text = foreign(error) or str(error)
     if isinstance(error, OSError) and error.strerror and error.filename:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)
+        text = f"{error.filename}: {error.strerror}"
+    text = one_line(text.strip())
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

@@ -2,60 +2,21 @@
 
 from __future__ import annotations
 
-import re
+import os
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from search_spaces.plugin_names import pinned
+from search_spaces.safe_yaml import read_yaml, scalar
 from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError, from_validation, unknown
 
+__all__ = ["built_in", "load", "parse", "read_yaml", "scalar"]
+
 FOLDER = Path(__file__).parent / "builtin"
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML in which 1e-4 is a number, as YAML 1.2 has it, and a key given twice is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", node.start_mark)
-        return super().construct_mapping(node, deep)
-
-
-_FLOAT = re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)$")
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
-
-
-def read_yaml(path: Path) -> Any:
-    """Return the contents of a YAML file; InputError where it cannot be read, with the line."""
-    try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)  # noqa: S506 (a SafeLoader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" line {mark.line + 1}" if mark else ""
-        raise InputError(f"{path}{where}: {getattr(error, 'problem', None) or 'not YAML'}") from None
-    except ValueError as error:  # a date or number that is none, such as 2024-13-45
-        raise InputError(f"{path}: {error}") from None
-
-
-def scalar(text: str) -> Any:
-    """Return one value as YAML reads it: 5 and 1e-4 are numbers, terminal is text; InputError for what is no value."""
-    try:
-        value = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
-    except (yaml.YAMLError, ValueError):
-        value = None
-    if not isinstance(value, int | float | str | bool):
-        raise InputError(f"'{text}' is not a value")
-    return value
 
 
 @cache
@@ -89,6 +50,6 @@ def load(name: str) -> SearchSpace:
     if name in built_in():
         return parse(name, read_yaml(built_in()[name]))
     path = Path(name)
-    if path.suffix in (".yaml", ".yml") or path.is_file():
+    if path.suffix in (".yaml", ".yml") or os.path.isfile(path):
         return parse(str(path), read_yaml(path), (path.parent, Path()))
     raise unknown("search space (or YAML file)", name, built_in())

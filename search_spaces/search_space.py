@@ -10,8 +10,19 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from search_spaces.domains import Options, Range, Strict
+from search_spaces.limits import (
+    LARGEST_SEED,
+    MOST_CONFIGURATIONS,
+    MOST_LIBRARY,
+    MOST_SCENARIOS,
+    MOST_SEEDS,
+    MOST_TARGETS,
+    check_size,
+    twice,
+)
 from trainables.agents.agent import Agent
 from trainables.agents.registry import agent_named
+from trainables.errors import shown
 from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
@@ -23,8 +34,12 @@ def _seeds(value: object) -> object:
     """Return the seeds 0..n-1 for a number n."""
     if isinstance(value, int) and not isinstance(value, bool):
         if value < 1:
-            raise ValueError(f"must be at least 1, or a list of seeds (got {value})")
+            raise ValueError(f"must be at least 1, or a list of seeds (got {shown(value)})")
+        if value > MOST_SEEDS:
+            raise ValueError(f"must be at most {MOST_SEEDS:,} (got {shown(value)})")
         return tuple(range(value))
+    if isinstance(value, list) and len(value) > MOST_SEEDS:
+        raise ValueError(f"must be at most {MOST_SEEDS:,} (got a list of {len(value):,})")
     return _tuple(value)
 
 
@@ -32,15 +47,17 @@ def _tuple(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
-Seed = Annotated[int, Field(ge=0)]
+Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
 Seeds = Annotated[
     tuple[Seed, ...],
     BeforeValidator(
-        _seeds, json_schema_input_type=Annotated[int, Field(ge=1)] | Annotated[list[Seed], Field(min_length=1)]
+        _seeds,
+        json_schema_input_type=Annotated[int, Field(ge=1, le=MOST_SEEDS)]
+        | Annotated[list[Seed], Field(min_length=1, max_length=MOST_SEEDS)],
     ),
     Field(min_length=1),
 ]
-Names = Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(_tuple)]
+Names = Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_TARGETS), BeforeValidator(_tuple)]
 Kinds = Annotated[tuple[Literal["learned", "exact"], ...], Field(min_length=1), BeforeValidator(_tuple)]
 Hyperparameters = dict[str, Options]
 
@@ -49,7 +66,7 @@ class SourceSpace(Strict):
     """Stage 1 of a scenario: the source task, and how its knowledge is made."""
 
     task: str
-    library: Annotated[tuple[str, ...], BeforeValidator(_tuple)] = ()
+    library: Annotated[tuple[str, ...], Field(max_length=MOST_LIBRARY), BeforeValidator(_tuple)] = ()
     """Further source tasks, for agents that choose among several sources (delta_select); the others use `task` alone.
     Each is trained as `task` is. On a target that is in the library itself, that one is left out."""
     agent: str = "q_learning"
@@ -57,7 +74,7 @@ class SourceSpace(Strict):
     """learned: trained by `agent` with the best of `hyperparameters`; exact: value iteration (tabular tasks)."""
     hyperparameters: Hyperparameters = Field(default_factory=dict)
     """What stage 1 sweeps; the best values by mean AUC are stage 2's too."""
-    pick: Literal["own_seed", "best_evaluated"] | Annotated[int, Field(ge=0)] | None = None
+    pick: Literal["own_seed", "best_evaluated"] | Seed | None = None
     """Whose knowledge a target seed gets: own_seed, its own source seed's last; best_evaluated, the network with the
     best greedy evaluation of all source seeds; a number, that seed's best. Default: own_seed for tabular tasks,
     best_evaluated for deep ones."""
@@ -93,8 +110,8 @@ class Search(Strict):
     """How ranges are searched: `budget` configurations for each task, agent and source."""
 
     method: Literal["grid", "random", "optuna"] = "grid"
-    budget: Annotated[int, Field(ge=1)] = 20
-    seed: Annotated[int, Field(ge=0)] = 0
+    budget: Annotated[int, Field(ge=1, le=MOST_CONFIGURATIONS)] = 20
+    seed: Seed = 0
     scheduler: Scheduler | None = None
     """Early stopping; None: every configuration is trained to its end."""
 
@@ -108,7 +125,7 @@ class SearchSpace(Strict):
     """The MLflow experiment; the name where it is left out."""
     description: str = ""
     seeds: Seeds
-    scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1), BeforeValidator(_tuple)]
+    scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1, max_length=MOST_SCENARIOS), BeforeValidator(_tuple)]
     agents: Annotated[dict[str, Hyperparameters], Field(min_length=1)]
     """Stage 2: each agent with the hyperparameters that it sweeps."""
     hyperparameters: Hyperparameters = Field(default_factory=dict)
@@ -117,6 +134,7 @@ class SearchSpace(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> SearchSpace:
+        check_size(self)
         _once("seeds", [str(seed) for seed in self.seeds])
         for scenario in self.scenarios:
             source, targets = parse_task(scenario.source.task), [parse_task(name) for name in scenario.targets]
@@ -157,9 +175,8 @@ class SearchSpace(Strict):
 
 
 def _once(what: str, names: list[str]) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ValueError(f"{what}: {twice[0]} is given twice")
+    if found := twice(names):
+        raise ValueError(f"{what}: {found[0]} is given twice")
 
 
 def _check_shapes(source: Task, target: Task) -> None:

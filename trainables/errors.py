@@ -20,12 +20,38 @@ class InfrastructureError(RuntimeError):
     """A disk, a network, a process or a cluster failed. Nothing is wrong with the input, nor with the user's code."""
 
 
+_LONGEST_NAME = 200
+"""Most characters of a name that a message repeats."""
+
+
 def unknown(what: str, name: str, known: Iterable[str]) -> InputError:
     """The error for a name that is not in a registry, with the nearest match and the list of what there is."""
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=1)
+    near = difflib.get_close_matches(name[:_LONGEST_NAME], names, n=1)
     hint = f"did you mean '{near[0]}'? " if near else ""
+    name = name if len(name) <= _LONGEST_NAME else f"{name[:_SHOWN]}…"
     return InputError(f"unknown {what} '{name}': {hint}there is {', '.join(names) or 'none'}")
+
+
+_SHOWN = 60
+"""Most characters of a value that a message repeats."""
+
+
+def shown(value: object) -> str:
+    """Return a value as a message names it: in one line, and no more of it than its beginning."""
+    try:
+        text = repr(value)
+    except ValueError:  # a whole number of more than 4,300 digits
+        return "a whole number of thousands of digits"
+    size = f"{len(value):,} entries" if isinstance(value, list | tuple | dict) else f"{len(text):,} characters"
+    return text if len(text) <= 2 * _SHOWN else f"{text[:_SHOWN]}… of {size}"
+
+
+def one_line(text: str) -> str:
+    """Return `text` as a terminal can show it in one line: what steers a terminal, or is no character, is escaped."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 _UNION_MEMBERS = ("float", "int", "str", "bool")
@@ -34,6 +60,10 @@ _RULES = {
     "tuple_type": "must be a list",
     "int_type": "must be a whole number",
     "int_from_float": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_parsing_size": "must be a whole number of fewer digits",
+    "float_parsing": "must be a number",
+    "bool_parsing": "must be true or false",
     "dict_type": "must be a mapping of keys to values",
     "string_pattern_mismatch": "must be 1 to 64 letters, digits, dots, dashes or underscores, a letter or digit first",
 }
@@ -49,9 +79,13 @@ def from_validation(where: str, error: ValidationError) -> InputError:
         return InputError(f"{subject} is not a known key")
     if first["type"] == "missing":
         return InputError(f"{subject} is missing")
+    if first["type"] == "too_long":
+        most, got = first["ctx"]["max_length"], first["ctx"]["actual_length"]
+        got = len(first["input"]) if got is None else got
+        return InputError(f"{subject} must have at most {most:,} entries (got {got:,})")
     if first["type"] == "value_error":
         return InputError(f"{subject}{' ' if place else ': '}{first['ctx']['error']}")
     rule = _RULES.get(
         first["type"], first["msg"].replace("Input should", "must").replace("must be a valid", "must be a")
     )
-    return InputError(f"{subject} {rule} (got {first['input']!r})")
+    return InputError(f"{subject} {rule} (got {shown(first['input'])})")

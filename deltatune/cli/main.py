@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import typer
+from typer.exceptions import TyperException
 
 from deltatune.cli.app import app
 from deltatune.cli.commands import catalogue, cluster, custom_code, manage, play, sources, sweep, sweeps
 from deltatune.cli.streams import Streams
+from trainables.errors import InputError, from_validation
 
 __all__ = ["app", "catalogue", "cluster", "custom_code", "main", "manage", "play", "sources", "sweep", "sweeps"]
 
@@ -28,16 +30,38 @@ def _run() -> int:
     from orchestrator.errors import exit_code, sentence
 
     try:
-        app()
+        return _code(app(standalone_mode=False))
     except SystemExit as end:
-        return end.code if isinstance(end.code, int) else int(end.code is not None)
+        return _code(end.code)
+    except typer.Abort:
+        typer.echo("aborted", err=True)
+        return 1
+    except TyperException as error:  # an option that there is not, a value that it does not take
+        if said := _usage(error):  # empty: no words were given, and the help was printed
+            typer.echo(f"error: {sentence(InputError(said))}", err=True)
+        return error.exit_code
     except Exception as error:
         code = exit_code(error)
         if code is None:
             raise
         typer.echo(f"error: {sentence(error)}", err=True)
         return code
-    return 0
+
+
+def _usage(error: TyperException) -> str:
+    """Return what is wrong with a command line: the option or argument, what it may be, and what it was."""
+    from pydantic import ValidationError
+
+    parameter = getattr(error, "param", None)
+    if not isinstance(error.__cause__, ValidationError) or parameter is None:
+        return error.format_message().strip()
+    option = any(name.startswith("-") for name in parameter.opts)
+    return str(from_validation(max(parameter.opts, key=len) if option else parameter.metavar, error.__cause__))
+
+
+def _code(value: object) -> int:
+    """Return the exit code that a command's return value, or that of `sys.exit`, stands for."""
+    return value if isinstance(value, int) else int(value is not None)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,11 @@ from typing import Annotated
 
 import typer
 
+MOST_WORKERS = 10_000
+LONGEST_TIME = 31_536_000.0
+"""Seconds of a year."""
+MOST_CPUS, MOST_GIB = 10_000.0, 1_000_000.0
+
 WHAT, HOW, CELL, RECORD = "What to run", "Where and how it runs", "What a cell gets", "Where results go"
 """Groups in the help."""
 
@@ -56,7 +61,9 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Only say what it would 
 # --- where and how
 Workers = Annotated[
     int | None,
-    typer.Option(min=1, metavar="N", help="Run N cells at a time; default: one per CPU.", rich_help_panel=HOW),
+    typer.Option(
+        min=1, max=MOST_WORKERS, metavar="N", help="Run N cells at a time; default: one per CPU.", rich_help_panel=HOW
+    ),
 ]
 Address = Annotated[
     str | None, typer.Option(metavar="HOST:PORT", help="Join this Ray cluster; 'auto' finds one.", rich_help_panel=HOW)
@@ -69,22 +76,55 @@ Local = Annotated[
 ]
 CheckpointEvery = Annotated[
     float,
-    typer.Option(min=0, metavar="SECONDS", help="Time between checkpoints of a long cell.", rich_help_panel=HOW),
+    typer.Option(
+        min=0,
+        max=LONGEST_TIME,
+        metavar="SECONDS",
+        help="Time between checkpoints of a long cell.",
+        rich_help_panel=HOW,
+    ),
 ]
 
 # --- what a cell gets
 TimeLimit = Annotated[
     float | None,
-    typer.Option(min=0.1, metavar="SECONDS", help="Time after which a cell fails.", rich_help_panel=CELL),
+    typer.Option(
+        min=0.1,
+        max=LONGEST_TIME,
+        metavar="SECONDS",
+        help="Time after which a cell fails.",
+        rich_help_panel=CELL,
+    ),
 ]
 Cpus = Annotated[
-    float, typer.Option(min=0.01, metavar="N", help="CPUs of a cell; a fraction shares one.", rich_help_panel=CELL)
+    float,
+    typer.Option(
+        min=0.01,
+        max=MOST_CPUS,
+        metavar="N",
+        help="CPUs of a cell; a fraction shares one.",
+        rich_help_panel=CELL,
+    ),
 ]
 Gpus = Annotated[
-    float, typer.Option(min=0, metavar="N", help="GPUs of a cell; a fraction shares one.", rich_help_panel=CELL)
+    float,
+    typer.Option(
+        min=0,
+        max=MOST_CPUS,
+        metavar="N",
+        help="GPUs of a cell; a fraction shares one.",
+        rich_help_panel=CELL,
+    ),
 ]
 Memory = Annotated[
-    float, typer.Option(min=0, metavar="GIB", help="Memory reserved for a cell, in GiB.", rich_help_panel=CELL)
+    float,
+    typer.Option(
+        min=0,
+        max=MOST_GIB,
+        metavar="GIB",
+        help="Memory reserved for a cell, in GiB.",
+        rich_help_panel=CELL,
+    ),
 ]
 
 # --- where results go

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from orchestrator.results import checked_json
 from orchestrator.results.lock import DRIVER, locked
-from orchestrator.results.sweep_folder import NAME, SWEEP, Results
+from orchestrator.results.sweep_folder import SWEEP, Results, check_name
 from trainables.errors import InputError
 from trainables.storage.paths import is_local
 
@@ -26,9 +26,7 @@ def remove(results: Results) -> None:
 
 def rename(results: Results, name: str) -> Results:
     """Give a sweep another name; InputError for a bad or taken one, a running sweep, and on an object store."""
-    folder: Path = results.storage / name
-    if not NAME.match(name):
-        raise InputError(f"a sweep's name must be letters, digits, dots, dashes and underscores (got '{name}')")
+    folder: Path = results.storage / check_name(name)
     if folder.exists():
         raise InputError(f"there is a sweep or a folder '{name}' in {results.storage} already")
     if not is_local(folder):

@@ -28,14 +28,14 @@ from orchestrator.results.records.record_log import RecordLog
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
-from trainables.errors import InputError, unknown
+from trainables.errors import InputError, shown, unknown
 from trainables.storage.folders import absolute, make_folder
-from trainables.storage.paths import storage_path
+from trainables.storage.paths import is_file, storage_path
 
 if TYPE_CHECKING:
     import pandas as pd
 
-NAME = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 SWEEP, PLAN = "sweep.json", "plan.json"
 """The search space and what else a sweep is; the cells that it asks for."""
@@ -47,6 +47,16 @@ Plan = dict[str, list[Cell]]
 """Stage name to its cells, in order."""
 Labels = Mapping[str, Sequence[Label]]
 """Cell id to the labels of the arms that it is of, where they say more than the cell."""
+
+
+def check_name(name: str) -> str:
+    """Return `name`; InputError where no sweep can be called that."""
+    if not NAME.fullmatch(name):
+        raise InputError(
+            "a sweep's name must be letters, digits, dots, dashes and underscores, 64 at most, a letter or digit first "
+            f"(got {shown(name)})"
+        )
+    return name
 
 
 class Results:
@@ -76,9 +86,7 @@ class Results:
 
         Raises InputError for a bad name, or a folder that cannot be written to.
         """
-        if not NAME.match(name):
-            raise InputError(f"a sweep's name must be letters, digits, dots, dashes and underscores (got '{name}')")
-        return cls(make_folder(storage / name))
+        return cls(make_folder(storage / check_name(name)))
 
     def begin(self, space: SearchSpace) -> None:
         """Write down the search space of the run that begins. For the driver alone, who holds the lock.
@@ -113,8 +121,8 @@ class Results:
     @classmethod
     def open(cls, storage: Path, sweep: str) -> Results:
         """An existing sweep by its name in `storage`, or by its folder; InputError with the list of what there is."""
-        for folder in (storage / sweep, storage_path(sweep)):
-            if (folder / "sweep.json").is_file():
+        for folder in (storage / sweep, storage_path(sweep)) if sweep.strip() else ():
+            if is_file(folder / "sweep.json"):
                 return cls(absolute(folder))
         there = sorted(path.parent.name for path in storage.glob("*/sweep.json"))
         raise unknown(f"sweep in {storage}", sweep, there)

@@ -14,6 +14,7 @@ from typing import Any
 from orchestrator.sources.library import Entry, SourceLibrary, read_entry, row
 from trainables.errors import InputError
 from trainables.storage.atomic import write_atomic
+from trainables.storage.files import read_file
 
 MANIFEST = "manifest.json"
 SCHEMA = 1
@@ -72,7 +73,7 @@ def _named(entry: Entry, name: str) -> bool:
 def _members(path: Path) -> dict[str, bytes]:
     """The library files in an archive by name, each agreeing with its checksum."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(io.BytesIO(read_file(path, MOST_BYTES))) as archive:
             infos = archive.infolist()
             size = sum(info.file_size for info in infos)
             if size > MOST_BYTES or len(infos) > MOST_SOURCES:
@@ -98,7 +99,7 @@ def _members(path: Path) -> dict[str, bytes]:
 def _read(archive: zipfile.ZipFile, name: str) -> bytes:
     """A member's bytes, no more of them than its entry says."""
     if name != MANIFEST and not _NAME.fullmatch(name):
-        raise InputError(f"{archive.filename}: a source's file is called by its cell id (got '{name}')")
+        raise InputError(f"a source's file is called by its cell id (got '{name}')")
     with archive.open(name) as file:
         return file.read(archive.getinfo(name).file_size)
 

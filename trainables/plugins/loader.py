@@ -19,6 +19,11 @@ from typing import Any
 
 from trainables.errors import InputError
 from trainables.plugins.names import FileName, by_file, file_name
+from trainables.storage.files import read_file
+from trainables.storage.paths import is_file
+
+MOST_BYTES = 10 * 2**20
+"""Largest file of custom code."""
 
 
 class OwnCodeError(RuntimeError):
@@ -61,7 +66,7 @@ def pin(text: str, folders: Iterable[Path] = (Path(),)) -> str:
     Raises InputError where the file is not there, cannot be run, or is another one than a pin in `text` says.
     """
     name = file_name(text)
-    path = next((folder / name.path for folder in folders if (folder / name.path).is_file()), None)
+    path = next((folder / name.path for folder in folders if is_file(folder / name.path)), None)
     loaded = others(name.path.name) if path is None and name.path.name == str(name.path) else []
     if name.pin in loaded or (len(loaded) == 1 and not name.pin):
         return name.pinned(name.pin or loaded[0])
@@ -71,10 +76,7 @@ def pin(text: str, folders: Iterable[Path] = (Path(),)) -> str:
 def load_file(path: str | Path, expected: str = "") -> str:
     """Run a file, unless it has been run already, and return its pin; InputError as for `pin`."""
     path = Path(path)
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    source = read_file(path, MOST_BYTES)
     found = pin_of(source)
     if expected not in ("", found):
         raise InputError(f"{path} is no longer the file that was used: it is {path.name}@{found}, not @{expected}")

@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 from typing import Any, cast
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 from trainables.errors import InputError
 
@@ -14,16 +14,29 @@ ON_DISK = ("", "file", "local")
 """fsspec's names of the protocols of this machine's disks."""
 
 
+WRITABLE = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "adl", "hdfs", "webhdfs", "sftp", "ssh", "smb", "memory")
+"""fsspec's names of the protocols that a storage may be behind: others can only be read, or not be written twice."""
+
+_PACKAGES = ("botocore", "aiobotocore", "s3fs", "gcsfs", "google", "azure", "adlfs", "aiohttp", "fsspec", "paramiko")
+"""Packages behind these protocols, each with errors of its own."""
+
+
 def storage_path(text: str | Path) -> Path:
     """Return the folder that `text` names: a path, or a URL, which then has Path's methods to read and to write.
 
-    Raises InputError for a URL of an unknown protocol, or one whose package is not installed.
+    Raises InputError for what names no folder, a URL of a protocol that cannot be written to, or without a bucket, one
+    whose package is not installed, and one that does not answer.
     """
-    if isinstance(text, Path) or "://" not in text:
+    if isinstance(text, Path):
+        return text
+    if not text.strip() or "\0" in text:
+        raise InputError(f"a storage is a folder, or a URL such as s3://BUCKET/FOLDER (got {text!r})")
+    protocol, there, _ = text.partition("://")
+    if not there:
         return Path(text)
-    protocol = text.split("://", 1)[0]
-    if protocol in ON_DISK:
-        return Path(unquote(urlsplit(text).path))
+    if protocol in ON_DISK and text.startswith(f"{protocol}:///"):
+        return Path(unquote(text.partition("://")[2]))
+    _check_url(text, protocol)
     from upath import UPath
 
     try:
@@ -31,11 +44,29 @@ def storage_path(text: str | Path) -> Path:
         path.exists()
     except ImportError as error:
         raise InputError(f"the storage {text} needs a package: {error}") from None
-    except ValueError:
-        raise InputError(f"a storage is a folder or a URL that fsspec knows (got the protocol '{protocol}')") from None
     except Exception as error:  # each protocol's package has errors of its own
-        raise InputError(f"the storage {text} does not answer: {error}") from None
+        raise InputError(f"the storage {text} does not answer: {_words(error)}") from None
     return cast(Path, path)
+
+
+def _check_url(text: str, protocol: str) -> None:
+    """Raise InputError for a URL that no storage can be at, before any package is asked for it."""
+    if protocol not in WRITABLE:
+        allowed = ", ".join(["file:///", *(f"{name}://" for name in WRITABLE)])
+        raise InputError(f"a storage is a folder, or a URL that starts with {allowed} (got '{text}')")
+    if protocol != "memory" and not text.partition("://")[2].partition("/")[0].strip():
+        raise InputError(f"a storage's URL is {protocol}://BUCKET/FOLDER (got '{text}')")
+
+
+def foreign(error: BaseException) -> str | None:
+    """Return what an error of a storage's package says, in a sentence; None for any other error."""
+    if type(error).__module__.partition(".")[0] not in _PACKAGES:
+        return None
+    return f"the storage does not answer: {_words(error)}"
+
+
+def _words(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def default_storage() -> str:
@@ -53,6 +84,11 @@ def is_local(path: object) -> bool:
     from upath import UPath
 
     return path.protocol in ON_DISK if isinstance(path, UPath) else isinstance(path, Path)
+
+
+def is_file(path: Path) -> bool:
+    """Return whether there is a file of that name; False, too, for a name that no file can have."""
+    return os.path.isfile(path) if is_local(path) else path.is_file()
 
 
 def sizes(folder: Path) -> dict[str, int]:

@@ -38,13 +38,14 @@ def submit(
     prepare(joins_cluster=True)
     from deltatune.cli.commands.sweep import wanted_space
     from orchestrator.cluster import jobs
+    from orchestrator.results.sweep_folder import check_name
     from trainables.storage.folders import absolute
     from trainables.storage.paths import storage_path
 
     storage = str(absolute(storage_path(storage)))
     words = [*context.args, "--storage", storage]
     wanted = wanted_space(space)
-    name = name or wanted.name
+    name = check_name(wanted.name if name is None else name)
     check_options(["space.yaml", *words, "--name", name])
     head = jobs.client(address)
     jobs.check_storage(head, storage)
@@ -67,7 +68,10 @@ def check_options(words: list[str]) -> None:
 def watch(
     name: Sweep,
     storage: Storage = RESULTS,
-    every: Annotated[float, typer.Option(min=0.1, metavar="SECONDS", help="Time between two looks.")] = 2.0,
+    every: Annotated[
+        float,
+        typer.Option(min=0.1, max=86_400, metavar="SECONDS", help="Time between two looks."),
+    ] = 2.0,
     as_json: Json = False,
 ) -> None:
     """Follow a sweep that runs in another shell or on a cluster, until it ends.

@@ -13,6 +13,9 @@ from trainables.plugins.names import short
 sources = typer.Typer(no_args_is_help=True, help="The source library: list, check, and pass on what is trained.")
 app.add_typer(sources, name="sources", rich_help_panel=CATALOGUE_PANEL)
 
+MOST_EPISODES, LARGEST_SEED = 1_000_000, 2**63 - 1
+"""Of a ranking."""
+
 SHOWN = 20
 """Most sources in the table of a ranking."""
 
@@ -48,14 +51,11 @@ def add(
     as_json: Json = False,
 ) -> None:
     """Add one library file, of another storage folder say."""
+    from orchestrator.sources.archive import MOST_BYTES
     from orchestrator.sources.library import SourceLibrary
-    from trainables.errors import InputError
+    from trainables.storage.files import read_file
 
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror}") from None
-    entry = SourceLibrary(storage).add(data, str(file))
+    entry = SourceLibrary(storage).add(read_file(file, MOST_BYTES), str(file))
     if as_json:
         print_json({"added": entry.id, "cell": entry.cell.to_json()})
         return
@@ -151,9 +151,12 @@ def rank(
         typer.Option("--sources", metavar="SOURCE", help="An id or a task; repeat for more. Default: the library."),
     ] = None,
     episodes: Annotated[
-        int, typer.Option(min=2, metavar="N", help="Episodes to play on the target, for all sources together.")
+        int,
+        typer.Option(
+            min=2, max=MOST_EPISODES, metavar="N", help="Episodes to play on the target, for all sources together."
+        ),
     ] = 100,
-    seed: Annotated[int, typer.Option(min=0, metavar="SEED", help="The seed of the episodes.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, metavar="SEED", help="The seed of the episodes.")] = 0,
     file: Annotated[
         list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
     ] = None,

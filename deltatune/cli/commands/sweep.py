@@ -46,8 +46,11 @@ def sweep(
     done are never run twice. Try `deltatune sweep demo`, or a small
     `deltatune sweep demo --seeds 2 --set episodes=500 --name try`.
     """
+    from orchestrator.results.sweep_folder import check_name
     from search_spaces.narrow import narrow
 
+    if name is not None:
+        check_name(name)
     chosen = narrow(
         wanted_space(space),
         tasks=task or (),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from trainables.agents.agent import Agent
 from trainables.agents.base import Count, Hyperparameters, Positive, Probability, Rate
@@ -22,13 +22,13 @@ class DQN(Hyperparameters):
     """Greedy episodes of one evaluation."""
     learning_rate: Rate = 1e-4
     """Adam's step size."""
-    hidden_layers: Count = 2
+    hidden_layers: Annotated[int, Field(ge=1, le=64)] = 2
     """Hidden layers (Table 6)."""
-    hidden_size: Count = 256
+    hidden_size: Annotated[int, Field(ge=1, le=8192)] = 256
     """Units of each hidden layer, with ReLU."""
-    batch_size: Count = 128
+    batch_size: Annotated[int, Field(ge=1, le=65_536)] = 128
     """Transitions of one update; one update is made per environment step once that many are there."""
-    replay_capacity: Count = 10_000
+    replay_capacity: Annotated[int, Field(ge=1, le=10_000_000)] = 10_000
     """Transitions that are remembered; the oldest are overwritten."""
     target_update: Count = 1000
     """Environment steps between copies to the target network."""
