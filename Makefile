@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PACKAGES := trainables search_spaces orchestrator dashboards deltatune
 
-.PHONY: setup demo test test-fast test-slow lint check bench clean
+.PHONY: setup demo docs test test-fast test-slow lint check bench clean
 
 setup: .venv/.installed
 
@@ -15,6 +15,10 @@ setup: .venv/.installed
 
 demo: setup
 	$(BIN)/deltatune sweep demo
+
+# The documentation site, in build/site: every warning is an error.
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # All but the slow ones, in two processes: the tests that start Ray in one of them, the others beside it.
 test: setup
