@@ -1,5 +1,58 @@
-"""`make bench`: the learner beside its peers on all four tasks."""
+"""All that measures speed in one table, and as JSON; `make bench` runs it whole.
 
-from benchmarks.learner_speed import main
+    python -m benchmarks [PART ...] [--quick] [--json FILE]
 
-main()
+Every figure stands beside its peer or its limit, measured in the same run; a ratio says how many times better it is,
+of a limit what share it reaches. `python -m benchmarks.compare A.json B.json` holds two commits against each other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from llvmlite import binding
+
+from benchmarks.row import Row, table
+from benchmarks.suite import PARTS
+from orchestrator.results.provenance import commit, versions
+
+
+def machine() -> dict[str, Any]:
+    """What the figures depend on beside the code."""
+    wide = next((name for name in ("avx512f", "avx2", "neon") if binding.get_host_cpu_features().get(name)), "narrow")
+    cores, load = len(os.sched_getaffinity(0)), round(os.getloadavg()[0], 1)
+    return {
+        "processor": binding.get_host_cpu_name(),
+        "vectors": wide,
+        "cores": cores,
+        "load": load,
+    }
+
+
+def main() -> None:
+    """Measure, print the table, and write it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"some of {', '.join(PARTS)}; default: all")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the time, for a look")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the table there too")
+    asked = parser.parse_args()
+    if unknown := set(asked.parts) - set(PARTS):
+        parser.error(f"no part '{min(unknown)}': there are {', '.join(PARTS)}")
+    where, rows = machine(), list[Row]()
+    print("  ".join(f"{name} {value}" for name, value in where.items()), flush=True)
+    for name in asked.parts or PARTS:
+        found = list(PARTS[name](asked.quick))
+        print(f"\n{name}\n{table(found)}", flush=True)
+        rows += found
+    if asked.json:
+        told = {"commit": commit(), "versions": versions(), "machine": where, "rows": [asdict(row) for row in rows]}
+        asked.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

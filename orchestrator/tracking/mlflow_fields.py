@@ -19,16 +19,17 @@ CELL_METRICS = (
 )
 """Columns of the cells table that a cell's run has as metrics."""
 
-CURVE_POINTS = 51
-"""Points of a curve that MLflow gets, evenly spaced, first and last included; the results table has them all."""
+RETURN_POINTS, STATISTIC_POINTS = 51, 17
+"""Points that MLflow gets of a curve of greedy returns, and of any other; the results table has them all."""
 
 
-def thinned(curve: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
-    """At most CURVE_POINTS of a curve's points, evenly spaced, first and last included."""
-    if len(curve) <= CURVE_POINTS:
+def thinned(metric: str, curve: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """At most so many of a curve's points, evenly spaced, first and last included."""
+    points = RETURN_POINTS if metric.startswith("greedy_return") else STATISTIC_POINTS
+    if len(curve) <= points:
         return list(curve)
     last = len(curve) - 1
-    return [curve[round(i * last / (CURVE_POINTS - 1))] for i in range(CURVE_POINTS)]
+    return [curve[round(i * last / (points - 1))] for i in range(points)]
 
 
 def cell_tags(stage: str, head: Head) -> dict[str, str]:

@@ -225,7 +225,7 @@ class Mirror:
         points += [
             Metric(metric, float(value), stamp, int(step))
             for metric, values in curves.items()
-            for step, value in thinned([(s, v) for s, v in values if v is not None and math.isfinite(v)])
+            for step, value in thinned(metric, [(s, v) for s, v in values if v is not None and math.isfinite(v)])
         ]
         texts = [Param(name, str(value)) for name, value in params.items()]
         late = [RunTag(each, value) for each, value in {**tags, "mlflow.runName": name}.items()] if begun else []

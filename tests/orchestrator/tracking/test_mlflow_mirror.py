@@ -259,10 +259,11 @@ def test_an_aggregate_of_a_sweep_that_was_stopped_is_not_left_running(mirrored: 
 
 def test_thinned_curves_keep_their_ends() -> None:
     curve = [(step, float(step)) for step in range(0, 5010, 10)]
-    thin = mlflow_fields.thinned(curve)
-    assert len(thin) == mlflow_fields.CURVE_POINTS
-    assert (thin[0], thin[-1]) == (curve[0], curve[-1])
-    assert mlflow_fields.thinned(curve[:5]) == curve[:5]
+    for metric, points in (("greedy_return", 51), ("greedy_return_mean", 51), ("max_abs_delta", 17)):
+        thin = mlflow_fields.thinned(metric, curve)
+        assert len(thin) == len(set(thin)) == points
+        assert (thin[0], thin[-1]) == (curve[0], curve[-1])
+        assert mlflow_fields.thinned(metric, curve[:5]) == curve[:5]
 
 
 def test_a_store_that_mlflow_does_not_know_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
