@@ -17,6 +17,9 @@ MOST_BYTES = 4 * 2**20
 MOST_VALUES = 200_000
 """Most values and keys of a file, with every alias counted as what it stands for."""
 
+MOST_KEYS = 1_000
+"""Most keys of one mapping."""
+
 MOST_LEVELS = 32
 """Deepest nesting."""
 
@@ -30,6 +33,8 @@ class _Loader(_BASE):  # type: ignore[misc]
     """Safe YAML in which 1e-4 is a number, as YAML 1.2 has it, and a key given twice is an error."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        if len(node.value) > MOST_KEYS:
+            raise _refused(f"a mapping has {len(node.value):,} keys, more than {MOST_KEYS:,}", node)
         seen: set[Any] = set()
         for key_node, _ in node.value:
             if isinstance(key_node, yaml.ScalarNode):

@@ -5,19 +5,20 @@ from __future__ import annotations
 import functools
 import itertools
 import logging
+from math import prod
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from search_spaces.domains import Options, Range, Strict
+from search_spaces.domains import Grid, Options, Range, Strict
 from search_spaces.limits import (
     LARGEST_SEED,
+    MOST_CELLS,
     MOST_CONFIGURATIONS,
     MOST_LIBRARY,
     MOST_SCENARIOS,
     MOST_SEEDS,
     MOST_TARGETS,
-    check_size,
     twice,
 )
 from trainables.agents.agent import Agent
@@ -134,7 +135,7 @@ class SearchSpace(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> SearchSpace:
-        check_size(self)
+        _check_size(self)
         _once("seeds", [str(seed) for seed in self.seeds])
         for scenario in self.scenarios:
             source, targets = parse_task(scenario.source.task), [parse_task(name) for name in scenario.targets]
@@ -172,6 +173,33 @@ class SearchSpace(Strict):
     def to_json(self) -> dict[str, object]:
         """Return the space as plain data; `SearchSpace.model_validate(space.to_json()) == space`."""
         return self.model_dump(mode="json", by_alias=True)
+
+
+def _check_size(space: SearchSpace) -> None:
+    """Raise ValueError where a search space would make too many configurations or cells. Makes none of them."""
+    asked = 0
+    for scenario in space.scenarios:
+        source, seeds = scenario.source, len(space.seeds)
+        if source.hyperparameters or "learned" in source.kinds:
+            tasks = len(source.tasks) if "learned" in source.kinds else 1
+            asked += tasks * seeds * _configurations(space, source.agent, source.hyperparameters)
+        for agent, options in space.agents.items():
+            kinds = len(source.kinds) if agent_named(agent).needs_source else 1
+            asked += len(scenario.targets) * kinds * seeds * _configurations(space, agent, options)
+    if asked > MOST_CELLS:
+        raise ValueError(f"it asks for {asked:,} cells, more than {MOST_CELLS:,}: take fewer values, tasks or seeds")
+
+
+def _configurations(space: SearchSpace, agent: str, own: Hyperparameters) -> int:
+    known = agent_named(agent).hyperparameters.model_fields
+    options = [option for name, option in {**space.hyperparameters, **own}.items() if name in known]
+    count = prod(len(option.values) for option in options if isinstance(option, Grid))
+    if count > MOST_CONFIGURATIONS:
+        raise ValueError(
+            f"the grid of {agent} has {count:,} configurations, more than {MOST_CONFIGURATIONS:,}: take fewer values, "
+            "or search: {method: random}"
+        )
+    return space.search.budget if any(isinstance(option, Range) for option in options) else count
 
 
 def _once(what: str, names: list[str]) -> None:

@@ -135,14 +135,15 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
     from orchestrator.process_env import prepare
 
     prepare()
-    from deltatune.publish import artifacts, publish
     from orchestrator.results.sweep_folder import Results
+
+    results = told_damage(Results.open(storage, name))
+    from deltatune.publish import artifacts, publish
     from orchestrator.tracking.sync import sync_now
     from orchestrator.tracking.trackers import kind_of, without_registry
     from orchestrator.tracking.uri import shown
     from orchestrator.tracking.uri import tracking_uri as store_uri
 
-    results = told_damage(Results.open(storage, name))
     uri = store_uri(results.storage, tracking_uri)
     published = publish(results)
     parent, kind, sources = sync_now(published.findings, uri, artifacts(results)), kind_of(uri), list[str]()
