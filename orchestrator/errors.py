@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 
-from trainables.errors import InfrastructureError, InputError, one_line
+from trainables.errors import InfrastructureError, InputError, one_line, shown
 from trainables.storage.paths import foreign
 
 BAD_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.EINVAL)
@@ -30,7 +30,7 @@ def exit_code(error: Exception) -> int | None:
     """Return 2 for bad input, 130 for an interruption, 1 for a sweep that stopped, a file that the system refuses or a
     storage that does not answer; None for an error of our own making.
     """
-    if isinstance(error, InputError) or (isinstance(error, OSError) and error.errno in BAD_PATH):
+    if isinstance(error, InputError | UnicodeEncodeError) or (isinstance(error, OSError) and error.errno in BAD_PATH):
         return 2
     if isinstance(error, InterruptedSweepError):
         return 130
@@ -40,6 +40,8 @@ def exit_code(error: Exception) -> int | None:
 def sentence(error: Exception) -> str:
     """Return what an error says to people, in one line."""
     text = foreign(error) or str(error)
+    if isinstance(error, UnicodeEncodeError):  # bytes on a command line that are no UTF-8
+        text = f"{shown(error.object)} is no text that {error.encoding} can write"
     if isinstance(error, OSError) and error.strerror and error.filename:
         text = f"{error.filename}: {error.strerror}"
     text = one_line(text.strip())

@@ -115,7 +115,7 @@ FILES = {
     "a million seeds": ("seeds: [" + "1," * 1_000_000 + "1]", "holds more than 200,000 values"),
     "50,000 keys": (
         "schema: 1\n" + "".join(f"k{i}: 1\n" for i in range(50_000)),
-        "a mapping has 50,000 keys, more than 1,000",
+        "a mapping has 50,001 keys, more than 1,000",
     ),
     "5,000 digits": ("seeds: " + "9" * 5000, "a whole number must be at most 9223372036854775807"),
     "100 digits": ("seeds: -" + "9" * 100, "a whole number must be at most 9223372036854775807"),
