@@ -11,6 +11,7 @@ from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, TrackingUri, ap
 
 if TYPE_CHECKING:
     from orchestrator.execution.settings import Settings
+    from orchestrator.planning.arms import Params
     from search_spaces.search_space import SearchSpace
 
 
@@ -66,14 +67,17 @@ def sweep(
         from orchestrator.cluster.resources import Resources
         from orchestrator.execution.session import SweepSession
         from orchestrator.execution.settings import Settings
-        from orchestrator.export.best_params import read_params
         from orchestrator.model_registry import pretrained
         from orchestrator.planning.evaluations import few_evaluations_in
         from orchestrator.planning.params import check_params
         from orchestrator.results.sweep_folder import Results
         from orchestrator.tracking.uri import tracking_uri as store_uri
 
-        settled = read_params(params) if params else {}
+        settled: Params = {}
+        if params:
+            from orchestrator.export.best_params import read_params
+
+            settled = read_params(params)
         sources = pretrained.read(source, chosen, store_uri(storage, tracking_uri)) if source else []
     for said in filter(None, (check_params(str(params), settled, chosen), few_evaluations_in(chosen))):
         err.print(said, style="yellow", soft_wrap=True)
