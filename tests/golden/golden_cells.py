@@ -141,6 +141,7 @@ def _baselines() -> Named:
     yield "kickstart/learned", Cell.create("kickstart", HEAVY, 0, DEEP, best)
     yield "kickstart/ends", Cell.create("kickstart", HEAVY, 1, DEEP | {"weight": 3.0, "temperature": 0.1}, soon)
     yield "replay_seed/learned", Cell.create("replay_seed", HEAVY, 0, DEEP | {"source_transitions": 300}, best)
+    yield "dqinit/learned", Cell.create("dqinit", HEAVY, 0, DEEP | {"known_after": 5}, best)
     yield "constant_es/learned", Cell.create("constant_es", HEAVY, 0, DEEP, best)
     yield "shuffled_es/learned", Cell.create("shuffled_es", HEAVY, 0, DEEP, best)
 

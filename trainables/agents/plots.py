@@ -29,3 +29,4 @@ DELTA_FACTOR = Plot("delta_factor", "delta's factor at remembered states, withou
 CORRECTED = Plot("corrected_share", "share of states where delta changes the source's action", "share", share=True)
 GUIDE_STEPS = Plot("guide_steps", "steps that the source takes at the start of an episode", "steps")
 PSI = Plot("psi", "psi, the probability of the source's action", "psi", share=True)
+KNOWN = Plot("known", "how far the remembered states are known", "share", share=True)

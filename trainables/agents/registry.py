@@ -6,6 +6,7 @@ from trainables.agents import custom
 from trainables.agents.agent import Agent
 from trainables.agents.builtin.baselines.ablations import CONSTANT_ES, SHUFFLED_ES
 from trainables.agents.builtin.baselines.corrected_shaping import CORRECTED_ES
+from trainables.agents.builtin.baselines.dqinit import DQINIT
 from trainables.agents.builtin.baselines.jump_start import JSRL
 from trainables.agents.builtin.baselines.kickstart import KICKSTART
 from trainables.agents.builtin.baselines.ppr_dqn import PPR_DQN
@@ -49,6 +50,7 @@ AGENTS: dict[str, Agent] = {
         PPR_DQN,
         KICKSTART,
         REPLAY_SEED,
+        DQINIT,
         CONSTANT_ES,
         SHUFFLED_ES,
     )

@@ -16,6 +16,7 @@ from trainables.errors import InputError
 from trainables.knowledge import Knowledge
 from trainables.learners.baselines.ablations import ConstantFactor, ShuffledFactor
 from trainables.learners.baselines.corrected import CorrectedAdvice
+from trainables.learners.baselines.gated_init import GatedInit
 from trainables.learners.baselines.jump_start import JumpStart
 from trainables.learners.baselines.relative import RelativeDelta
 from trainables.learners.dqn import DeepLearner
@@ -46,6 +47,7 @@ AGENTS: dict[str, dict[str, Any]] = {
     "ppr_dqn": {},
     "kickstart": {},
     "replay_seed": {"source_transitions": 50},
+    "dqinit": {"known_after": 5},
     "constant_es": {},
     "shuffled_es": {},
 }
@@ -275,6 +277,35 @@ def test_half_of_each_minibatch_is_the_sources(source: Knowledge) -> None:
         k = int(np.flatnonzero(same)[0])
         future = found._target.rows(pool.next_observations[k : k + 1]).max() * (not pool.terminated[k])
         assert targets[i] == pytest.approx(pool.rewards[k] + 0.99 * future, rel=1e-4)
+
+
+def test_a_gated_initialisation_begins_as_the_source_and_ends_as_q(source: Knowledge) -> None:
+    found = learner("dqinit", source, evaluation_episodes=5, known_after=2)
+    network = learner("es", source)._advice.source
+    assert network is not None
+    theirs = learner("warm_start", source, evaluation_episodes=5)
+    assert found.evaluate().greedy_return == theirs.evaluate().greedy_return
+    found.run(4)
+    advice, states = found._advice, remembered(found)
+    assert isinstance(advice, GatedInit)
+    known, q = advice.known(states), found._q.rows(states)
+    assert known.min() > 0
+    assert known.max() == 1
+    expected = known[:, None] * q + (1 - known[:, None]) * network.rows(states)
+    np.testing.assert_allclose(found.preferences(states), expected, rtol=1e-5)
+    np.testing.assert_array_equal(found.preferences(states)[known == 1], q[known == 1])
+    assert sum(advice._visits.values()) == found.steps
+
+
+def test_targets_of_a_gated_initialisation_are_of_the_mixed_values(source: Knowledge) -> None:
+    found = learner("dqinit", source)
+    found.run(2)
+    memory, size = found._replay.memory, found._replay.size
+    found._targets.target_copied(size)
+    found._targets.refresh(found._replay)
+    after = memory.next_observations[:size]
+    mixed = found._advice.evaluated(found._target.rows(after), after).max(axis=1) * ~memory.terminated[:size]
+    np.testing.assert_allclose(found._targets.td[:size], memory.rewards[:size] + 0.99 * mixed, rtol=1e-5)
 
 
 def test_a_constant_factor_is_the_mean_of_the_states_own(source: Knowledge) -> None:
