@@ -134,7 +134,7 @@ def _baselines() -> Named:
     yield "corrected_es/learned", Cell.create("corrected_es", HEAVY, 0, DEEP, best)
     yield "corrected_es/shaped", Cell.create("corrected_es", HEAVY, 1, DEEP | {"evaluation_policy": "shaped"}, soon)
     brief = DEEP | {"floor_updates": 50}
-    yield "relative_es/learned", Cell.create("relative_es", HEAVY, 0, brief, best)
+    yield "relative_es/learned", Cell.create("relative_es", HEAVY, 0, brief | {"floor": "state"}, best)
     yield "relative_es/quantile", Cell.create("relative_es", HEAVY, 1, brief | {"floor": "quantile"}, soon)
     yield "jsrl/learned", Cell.create("jsrl", HEAVY, 0, DEEP, soon)
     yield "ppr_dqn/learned", Cell.create("ppr_dqn", HEAVY, 0, DEEP | {"nu": 0.8}, best)

@@ -172,7 +172,7 @@ def test_the_relative_factor_is_1_where_delta_is_the_sources_own_error(floor: st
 
 def test_the_relative_factor_has_no_unit(source: Knowledge) -> None:
     """Rewards of ten times the size scale Q_src, both deltas and the range of A_src, and leave the factor."""
-    found = learner("relative_es", source)
+    found = learner("relative_es", source, floor="state")
     found.run(4)
     advice, states = found._advice, remembered(found)
     assert isinstance(advice, RelativeDelta)
@@ -187,7 +187,7 @@ def test_the_relative_factor_has_no_unit(source: Knowledge) -> None:
 
 
 def test_relative_shaping_acts_by_its_factor(source: Knowledge) -> None:
-    found = learner("relative_es", source)
+    found = learner("relative_es", source, floor="state")
     found.run(4)
     advice = found._advice
     assert isinstance(advice, RelativeDelta)

@@ -25,7 +25,7 @@ class RelativeDelta(DeltaShaping):
     """The factor exp(-e(s) / u), where u is the mean range of A_src on the source's own task, and e(s) an excess.
 
     A second delta network, delta_0, is trained on the source's own task, where delta is the source's error and nothing
-    else. e(s) is max_a |delta(s,a) - delta_0(s,a)|, or what max_a |delta(s,a)| is above delta_0's 90 % quantile there.
+    else. e(s) is what max_a |delta(s,a)| is above delta_0's 90 % quantile there, or max_a |delta(s,a) - delta_0(s,a)|.
     """
 
     delta: Network

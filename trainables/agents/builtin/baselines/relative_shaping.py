@@ -23,8 +23,8 @@ class RelativeShaping(DeltaShaping):
     advice: ClassVar[Any] = "trainables.learners.baselines.relative:RelativeDelta"
     unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
 
-    floor: Literal["state", "quantile"] = "state"
-    """What is taken off: a delta of the source's own task in each state, or the 90 % quantile of its size."""
+    floor: Literal["quantile", "state"] = "quantile"
+    """What is taken off: the 90 % quantile of delta's size on the source's own task, or that delta, state by state."""
     floor_updates: Count = 2000
     """Minibatches that the delta of the source's own task is trained with, before the first episode."""
 
