@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
@@ -24,6 +25,8 @@ from trainables.training.cell_run import Outcome
 if TYPE_CHECKING:
     import pandas as pd
 
+log = logging.getLogger("deltatune.sweep")
+
 
 class Ledger:
     """The one writer of a sweep's records and of the source library."""
@@ -45,6 +48,8 @@ class Ledger:
         self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in plan.items()}
         self._arms: dict[str, Sequence[Arm]] = {}
         self._new: set[str] = set()
+        self._whole: set[str] = set()
+        """Cells whose knowledge is in the library, to the last bit."""
 
     def _planned_before(self) -> tuple[Plan, dict[str, Labels]]:
         """Return the plan of the run before and its labels; a damaged one is drawn anew from the search space."""
@@ -79,11 +84,20 @@ class Ledger:
             return cell.id in self._new or not self._retry_failed
         if head.status == "stopped":
             return self._stops  # without a scheduler it is wanted whole
-        return not keep or self.library.has(cell.id)
+        return not keep or self._has_source(cell)
+
+    def _has_source(self, cell: Cell) -> bool:
+        """Return whether the library has what a cell has learned, whole; looked at once where that is so."""
+        if cell.id not in self._whole and self.library.has(cell.id):
+            if damage := self.library.damage(cell.id):
+                log.warning("%s: the cell trains again", damage.partition(": move it away")[0])
+                return False
+            self._whole.add(cell.id)
+        return cell.id in self._whole
 
     def _take_over(self, cell: Cell) -> None:
         """The record of a source that another sweep of this storage has trained, where there is one."""
-        record = self.library.record(cell.id)
+        record = self.library.record(cell.id) if self._has_source(cell) else None
         if record is None or record.status != "done":
             return
         if self._reads_only:

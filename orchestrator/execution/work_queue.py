@@ -119,8 +119,9 @@ class WorkQueue:
         return not self.running and (self.stopping or nothing)
 
     def on_started(self, trial: str, pid: int, node: str) -> None:
-        """A pack's worker has started with its first cell."""
-        running = self.running[trial]
+        """A pack's worker has started with its first cell; nothing where it was given up before that was told."""
+        if (running := self.running.get(trial)) is None:
+            return
         running.pid, running.node, running.since = pid, node, clock.monotonic()
 
     def on_outcomes(self, trial: str, outcomes: Iterable[Outcome]) -> None:

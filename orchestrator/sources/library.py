@@ -136,6 +136,16 @@ class SourceLibrary:
             self._listed = set(self.ids())
         return cell_id in self._listed
 
+    def damage(self, cell_id: str) -> str:
+        """Return what is wrong with a source that is there; empty where nothing is. A store keeps its objects whole."""
+        if not self.has(cell_id) or not is_local(self._folder):
+            return ""
+        try:
+            self.entry(cell_id)
+        except InputError as error:
+            return str(error)
+        return ""
+
     def entry(self, cell_id: str) -> Entry:
         """The source of a cell; InputError where it is missing, damaged or another's."""
         path = self.path(cell_id)

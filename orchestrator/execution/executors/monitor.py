@@ -62,9 +62,10 @@ class StageMonitor:
 
     def stops(self, trial: str, evaluations: int, score: float) -> bool:
         """Return whether early stopping ends a trial whose cells have reached an evaluation together."""
-        if self._stopping is None or not (pack := self.queue.running[trial].pack).together:
+        running = self.queue.running.get(trial)
+        if self._stopping is None or running is None or not running.pack.together:
             return False
-        return self._stopping.stops(trial, pack.cells, evaluations, score)
+        return self._stopping.stops(trial, running.pack.cells, evaluations, score)
 
     def on_report(self, trial: str, report: Report) -> None:
         """Take in a report."""

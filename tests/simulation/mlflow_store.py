@@ -1,0 +1,69 @@
+"""MLflow as far as the tracker sees it: a store that answers 500, or not at all, or has taken what it refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from orchestrator.results.record import Head, Record
+from orchestrator.results.sweep_folder import Results
+from tests.simulation.world import World
+
+
+class Store:
+    """The runs of all sweeps."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.runs: dict[str, str] = {}
+        self.status = ""
+
+    def call(self) -> None:
+        """Any request."""
+        world = self.world
+        world.pause(0.01)
+        if world.chance("MLflow does not answer"):
+            world.pause(world.random.uniform(10, 120))
+            raise TimeoutError("no answer")
+        if world.chance("MLflow answers 500"):
+            raise RuntimeError("500 Internal Server Error")
+
+    def mirror(self, results: Results, uri: str) -> Mirror:
+        return Mirror(self)
+
+    def sync(self, findings: Results, uri: str, artifacts: object, mirror: Mirror) -> str:
+        """As `mlflow_mirror.sync` writes the cells."""
+        for stage, cell, head in findings.ended():
+            if head is not None:
+                mirror.write_cell(stage, head, partial(findings.log.record, cell.id))
+        mirror.end("FINISHED")
+        return "parent"
+
+
+class Mirror:
+    """What one process knows of the store."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        store.call()
+        self._known = dict(store.runs)
+
+    def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
+        key, store = head.cell.id, self._store
+        if self._known.get(key) == head.digest or (record := read()) is None:
+            return
+        store.call()
+        if key in store.runs and key not in self._known:
+            store.world.violated(f"MLflow gets a second run of the cell {key}")
+        store.runs[key] = self._known[key] = record.digest
+        store.call()
+
+    def end(self, status: str) -> None:
+        self._store.call()
+        self._store.status = status
+
+
+def register(*words: Any) -> Iterable[str]:
+    """Take the place of the registry."""
+    return []
