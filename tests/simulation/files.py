@@ -55,7 +55,6 @@ class Disk:
         self._pending: list[list[Change]] = []
         """Changes of names that may be lost; those of one list together (a rename)."""
         self._full = 0.0
-        self.lied = False
         self.steps = 0
         self.harm: Callable[[int, str, Handle | None, bytes], None] | None = None
         """Is told the number of each step before it is taken, and what it is; may raise Crash."""
@@ -110,7 +109,7 @@ class Disk:
         self._step("sync")
         self._room()
         if self._world.chance("lying sync"):
-            self.lied = True
+            self._world.lied = True
             return
         handle.file.safe = handle.file.live
 
@@ -143,7 +142,7 @@ class Disk:
     def sync_folder(self, folder: Path) -> None:
         self._step("sync folder")
         if self._world.chance("rename that does not last"):
-            self.lied = True
+            self._world.lied = True
             return
         mine = [changes for changes in self._pending if changes[0][1].parent == folder]
         for changes in mine:

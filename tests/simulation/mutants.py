@@ -11,7 +11,8 @@ from typing import Any
 from unittest import mock
 
 from orchestrator.execution import ledger, work_queue
-from orchestrator.results import lock, record_log
+from orchestrator.results import lock
+from orchestrator.results.records import record_log
 from orchestrator.sources import library
 from tests.simulation.simulate import simulate, undisturbed
 from trainables.storage import atomic
@@ -60,11 +61,17 @@ MUTANTS = [
         ledger.Ledger,
         "take",
         ledger,
-        "                self.library.save(cell, Knowledge.from_bytes(outcome.knowledge)[0], record)\n"
-        "            records.append(record)\n",
-        "                self._results.add(record)\n"
-        "                self.library.save(cell, Knowledge.from_bytes(outcome.knowledge)[0], record)\n"
-        "            records.append(record)\n",
+        "        if outcome.knowledge is not None:\n"
+        "            self.library.save(cell, Knowledge.from_bytes(outcome.knowledge)[0], record)\n"
+        "        records.append(record)\n"
+        "    if records:\n"
+        "        self._results.add(*records)\n",
+        "        records.append(record)\n"
+        "    if records:\n"
+        "        self._results.add(*records)\n"
+        "    for outcome, record in zip(outcomes, records):\n"
+        "        if outcome.knowledge is not None:\n"
+        "            self.library.save(outcome.cell, Knowledge.from_bytes(outcome.knowledge)[0], record)\n",
     ),
     Mutant(
         "a new driver appends to the segment of the last one",

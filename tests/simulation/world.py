@@ -69,6 +69,8 @@ class World:
         self.jumps: dict[str, float] = {}
         self.injected: Counter[str] = Counter()
         self.violations: list[str] = []
+        self.lied = False
+        """Whether the disk has said that it keeps what it does not."""
         self.kept: dict[str, str] = {}
         """Cell to the status that a driver has recorded and relied on."""
         self.tasks: list[Task] = []
