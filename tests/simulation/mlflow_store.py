@@ -33,7 +33,7 @@ class Store:
         return Mirror(self)
 
     def sync(self, findings: Results, uri: str, artifacts: object, mirror: Mirror) -> str:
-        """As `mlflow_mirror.sync` writes the cells."""
+        """As `tracking.sync` writes the cells."""
         for stage, cell, head in findings.ended():
             if head is not None:
                 mirror.write_cell(stage, head, partial(findings.log.record, cell.id))

@@ -29,7 +29,7 @@ from orchestrator.execution.settings import Settings
 from orchestrator.model_registry import mlflow_registry
 from orchestrator.results import lock
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking import mlflow_mirror
+from orchestrator.tracking import mlflow_mirror, tracker
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 from tests.simulation.files import Disk, clear
@@ -194,9 +194,11 @@ class User:
         settings = Settings(local=True, workers=3, time_limit=TIME_LIMIT, retry_failed=calm)
         now: SweepSession | None = None
         try:
-            with SweepSession.open(self.storage, "small", self._space, tracking_uri="sim://") as now:
+            with SweepSession.open(self.storage, "small", self._space, tracking_uri="sqlite:///simulation") as now:
                 tally = now.run(settings)
                 if tally.left:
+                    if not driver.asked:
+                        world.violated(f"{tally.left} cells are left by a driver that nobody asked to stop")
                     return "interrupted"
                 now.finish(now.results, [])  # type: ignore[arg-type]
                 error = now.tracker.error if now.tracker else None
@@ -328,7 +330,7 @@ def in_virtual_time(world: World, storage: Path) -> Iterator[tuple[Disk, Store]]
         (session, "stop_now", lambda: setattr(world.driver, "asked", True)),
         (session, "_signals", contextlib.nullcontext),
         (mlflow_mirror, "Mirror", store.mirror),
-        (mlflow_mirror, "sync", store.sync),
+        (tracker, "sync", store.sync),
         (mlflow_registry, "register", register),
         (lock, "_me", me),
         (lock, "_machine", lambda: world.driver.machine if world.driver else ""),
