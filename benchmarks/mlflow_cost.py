@@ -31,7 +31,7 @@ def measure(cells: int) -> dict[str, Any]:
     from orchestrator.execution.settings import Settings
     from orchestrator.execution.sweep import run
     from orchestrator.results.sweep_folder import Results
-    from orchestrator.tracking.mlflow_mirror import Mirror
+    from orchestrator.tracking.mlflow.mirror import Mirror
     from search_spaces.loading import parse
 
     asked = space(EPISODES, cells) | {"hyperparameters": {"episodes": [EPISODES], "evaluate_every": [1]}}

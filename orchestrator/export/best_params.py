@@ -14,7 +14,7 @@ from orchestrator.analysis.selection import RULE, Selected
 from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
 from orchestrator.planning.arms import Key, Params
 from orchestrator.results.provenance import commit, versions
-from search_spaces.loading import read_yaml
+from search_spaces.safe_yaml import read_yaml
 from trainables.agents.registry import agent_named
 from trainables.errors import InputError
 from trainables.storage.atomic import write_atomic

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from search_spaces.loading import read_yaml
+from search_spaces.safe_yaml import read_yaml
 from trainables.errors import InputError
 
 

@@ -33,7 +33,7 @@ from orchestrator.model_registry.source_models import (
     steps_text,
 )
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking.mlflow_store import connect
+from orchestrator.tracking.mlflow.store import connect
 from orchestrator.tracking.uri import shown
 from trainables.errors import InputError
 from trainables.tasks.registry import parse_task

@@ -53,7 +53,7 @@ MLFLOW = TrackerKind(
     "mlflow",
     "MLflow",
     ("sqlite", "postgresql", "mysql", "mssql", "http", "https", "databricks"),
-    "orchestrator.tracking.mlflow_mirror:Mirror",
+    "orchestrator.tracking.mlflow.mirror:Mirror",
     has_registry=True,
 )
 

@@ -9,9 +9,9 @@ import sys
 
 from rich.console import Console
 
-from orchestrator.tracking.mlflow_experiment import FAMILY
-from orchestrator.tracking.mlflow_store import connect
-from orchestrator.tracking.mlflow_views import LEADERBOARD
+from orchestrator.tracking.mlflow.experiment import FAMILY
+from orchestrator.tracking.mlflow.store import connect
+from orchestrator.tracking.mlflow.views import LEADERBOARD
 
 TRAINING = "workflowType=machine_learning"
 """Of an address: MLflow's pages for training runs."""

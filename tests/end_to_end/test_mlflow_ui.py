@@ -19,7 +19,7 @@ from deltatune.publish import artifacts, publish
 from orchestrator.analysis.findings import find
 from orchestrator.model_registry import mlflow_registry
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking.mlflow_views import LEADERBOARD, VIEWS, View
+from orchestrator.tracking.mlflow.views import LEADERBOARD, VIEWS, View
 from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.ui import leaderboards
 from orchestrator.tracking.uri import tracking_uri

@@ -10,7 +10,8 @@ import jsonschema
 import pytest
 
 from search_spaces.json_schema import json_schema
-from search_spaces.loading import built_in, parse, read_yaml
+from search_spaces.loading import built_in, parse
+from search_spaces.safe_yaml import read_yaml
 from trainables.errors import InputError
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "search-space.schema.json"

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from small_space import SMALL, changed
 
 from search_spaces.domains import Grid, Range
-from search_spaces.loading import load, parse, read_yaml, scalar
+from search_spaces.loading import load, parse
+from search_spaces.safe_yaml import read_yaml, scalar
 from trainables.errors import InputError
 
 

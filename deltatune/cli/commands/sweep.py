@@ -155,7 +155,7 @@ def _check_local(how: Settings) -> None:
 
 def _settings(items: list[str]) -> dict[str, Any]:
     """Read KEY=VALUE items as YAML scalars."""
-    from search_spaces.loading import scalar
+    from search_spaces.safe_yaml import scalar
     from trainables.errors import InputError
 
     values = {}

@@ -16,7 +16,7 @@ from orchestrator.analysis.summary_table import row
 from orchestrator.export.best_params import best, read_params, write_best
 from orchestrator.planning.arms import Key, Label
 from orchestrator.results.sweep_folder import Results, cell_row
-from orchestrator.tracking.mlflow_fields import group_figures
+from orchestrator.tracking.mlflow.fields import group_figures
 from search_spaces.loading import parse
 from trainables.cell import Cell, Source
 

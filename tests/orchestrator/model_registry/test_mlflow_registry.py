@@ -33,7 +33,7 @@ from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import settle, untrained
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
-from orchestrator.tracking.description import markdown
+from orchestrator.tracking.mlflow.description import markdown
 from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.uri import tracking_uri
 from search_spaces.loading import parse

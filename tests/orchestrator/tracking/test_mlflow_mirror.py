@@ -19,8 +19,8 @@ from orchestrator.analysis.findings import find
 from orchestrator.analysis.labels import group_name
 from orchestrator.errors import SweepError
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking import mlflow_fields
-from orchestrator.tracking.mlflow_views import LEADERBOARD
+from orchestrator.tracking.mlflow import fields
+from orchestrator.tracking.mlflow.views import LEADERBOARD
 from orchestrator.tracking.sync import sync, sync_now
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.uri import tracking_uri
@@ -260,10 +260,10 @@ def test_an_aggregate_of_a_sweep_that_was_stopped_is_not_left_running(mirrored: 
 def test_thinned_curves_keep_their_ends() -> None:
     curve = [(step, float(step)) for step in range(0, 5010, 10)]
     for metric, points in (("greedy_return", 51), ("greedy_return_mean", 51), ("max_abs_delta", 17)):
-        thin = mlflow_fields.thinned(metric, curve)
+        thin = fields.thinned(metric, curve)
         assert len(thin) == len(set(thin)) == points
         assert (thin[0], thin[-1]) == (curve[0], curve[-1])
-        assert mlflow_fields.thinned(metric, curve[:5]) == curve[:5]
+        assert fields.thinned(metric, curve[:5]) == curve[:5]
 
 
 def test_a_store_that_mlflow_does_not_know_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import sqlalchemy
 from mlflow.store.db import utils
 
 from orchestrator.errors import SweepError
-from orchestrator.tracking.mlflow_store import PREFIX, connect, local_database, make
+from orchestrator.tracking.mlflow.store import PREFIX, connect, local_database, make
 
 
 class Killed(BaseException):

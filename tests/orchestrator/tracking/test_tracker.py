@@ -12,7 +12,8 @@ from deltatune import publish
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.execution.session import SweepSession
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking import mlflow_mirror, tracker
+from orchestrator.tracking import tracker
+from orchestrator.tracking.mlflow import mirror as mlflow_mirror
 from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.trackers import MLFLOW

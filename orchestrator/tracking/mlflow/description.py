@@ -12,7 +12,7 @@ from orchestrator.analysis.metrics import METRICS
 from orchestrator.analysis.summary_table import COLUMNS, row
 from orchestrator.results.pretrained_names import options
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking.mlflow_views import LEADERBOARD
+from orchestrator.tracking.mlflow.views import LEADERBOARD
 from trainables.plugins.names import short
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mlflow.tracking import MlflowClient
 
-from orchestrator.tracking.mlflow_views import VIEWS
+from orchestrator.tracking.mlflow.views import VIEWS
 from trainables.cell import content_id
 
 FAMILY = "deltatune/"

@@ -30,10 +30,10 @@ from orchestrator.analysis.labels import cell_name, configuration_name, group_na
 from orchestrator.results.records.record import Head, Record
 from orchestrator.results.sweep_folder import Results, cell_row
 from orchestrator.tracking.configurations import Configurations
-from orchestrator.tracking.description import markdown
-from orchestrator.tracking.mlflow_experiment import find_experiment
-from orchestrator.tracking.mlflow_fields import CELL_METRICS, cell_tags, group_figures, places, sweep_metrics, thinned
-from orchestrator.tracking.mlflow_store import connect
+from orchestrator.tracking.mlflow.description import markdown
+from orchestrator.tracking.mlflow.experiment import find_experiment
+from orchestrator.tracking.mlflow.fields import CELL_METRICS, cell_tags, group_figures, places, sweep_metrics, thinned
+from orchestrator.tracking.mlflow.store import connect
 from trainables.cell import Cell, content_id
 from trainables.storage.folders import local_copy
 

@@ -1,0 +1,1 @@
+"""MLflow as a tracker: the browsing copy of a sweep."""
