@@ -204,6 +204,8 @@ class User:
                     return "interrupted"
                 now.finish(now.results, [])  # type: ignore[arg-type]
                 error = now.tracker.error if now.tracker else None
+                if "is being written into MLflow by" in str(error):  # the last driver, or its lease: the user tries again
+                    return "refused"
                 if calm and error is not None:
                     world.violated(f"MLflow has not got everything: {error}")
             return "done"

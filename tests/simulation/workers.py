@@ -115,12 +115,14 @@ class Workers:
 
     def _harmed(self, pack: Pack, told: list[tuple[float, Report | str]]) -> list[tuple[float, Report | str]]:
         world, rng = self.world, self.world.random
-        if world.chance("double outcome"):
-            told += [(at + rng.uniform(0, 40), report) for at, report in told if isinstance(report, Ended)]
+        *told, completed = told  # which no executor tells before what its trial has told
         if world.chance("out of order"):
-            times = [at for at, _ in told[:-1]]
+            times = [at for at, _ in told]
             rng.shuffle(times)
-            told = [*((at, report) for at, (_, report) in zip(times, told[:-1], strict=True)), told[-1]]
+            told = [(at, report) for at, (_, report) in zip(times, told, strict=True)]
+        double = world.chance("double outcome")
+        told += [(at + rng.uniform(0, 40), report) for at, report in told if double and isinstance(report, Ended)]
+        told.append(completed)
         spared = any(self._losses.get(cell.id, 0) >= MOST_LOSSES for cell in pack.cells)
         if not spared and world.chance("lost worker"):
             for cell in pack.cells:
