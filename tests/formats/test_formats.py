@@ -16,7 +16,7 @@ from orchestrator.export.best_params import read_params
 from orchestrator.results.status import sweep_status
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
-from orchestrator.tracking.mlflow_store import connect
+from orchestrator.tracking.mlflow.store import connect
 from orchestrator.tracking.sync import sync
 from search_spaces.loading import parse
 from tests.formats.make import SPACE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import sys
 import time
@@ -27,6 +28,7 @@ def main() -> None:
     parser.add_argument("--crash-points", action="store_true", help="every crash point of a tiny sweep instead")
     parser.add_argument("--mutants", action="store_true", help="mistakes in the code instead, each until it is found")
     options = parser.parse_args()
+    logging.getLogger("deltatune").addHandler(logging.NullHandler())
     if options.crash_points:
         tried = list(crash_points.every())
         wrong = [each for each in tried if each[1]]

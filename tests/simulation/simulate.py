@@ -29,7 +29,8 @@ from orchestrator.execution.settings import Settings
 from orchestrator.model_registry import mlflow_registry
 from orchestrator.results import lock
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking import mlflow_mirror, tracker
+from orchestrator.tracking import tracker
+from orchestrator.tracking.mlflow import mirror
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 from tests.simulation.files import Disk, clear
@@ -204,7 +205,9 @@ class User:
                     return "interrupted"
                 now.finish(now.results, [])  # type: ignore[arg-type]
                 error = now.tracker.error if now.tracker else None
-                if "is being written into MLflow by" in str(error):  # the last driver, or its lease: the user tries again
+                if "is being written into MLflow by" in str(
+                    error
+                ):  # the last driver, or its lease: the user tries again
                     return "refused"
                 if calm and error is not None:
                     world.violated(f"MLflow has not got everything: {error}")
@@ -333,7 +336,7 @@ def in_virtual_time(world: World, storage: Path) -> Iterator[tuple[Disk, Store]]
         (stage, "Display", _NoDisplay),
         (session, "stop_now", lambda: setattr(world.driver, "asked", True)),
         (session, "_signals", contextlib.nullcontext),
-        (mlflow_mirror, "Mirror", store.mirror),
+        (mirror, "Mirror", store.mirror),
         (tracker, "sync", store.sync),
         (mlflow_registry, "register", register),
         (lock, "_me", me),
