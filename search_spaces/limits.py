@@ -11,7 +11,7 @@ MOST_CELLS = 1_000_000
 MOST_CONFIGURATIONS = 10_000
 """Configurations of one task, agent and source: what a grid multiplies to, or a search's budget."""
 
-MOST_SEEDS = 10_000
+MOST_SEEDS = 1_000
 MOST_TARGETS = 1_000
 """Target tasks of a scenario."""
 

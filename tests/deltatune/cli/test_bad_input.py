@@ -41,8 +41,8 @@ HUGE = "1" + 49 * "0"
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["sweep", "demo", "--seeds", "100000000"], "seeds must be at most 10,000 (got 100000000)"),
-        (["sweep", "demo", "--seeds", HUGE], "seeds must be at most 10,000 (got 1000"),
+        (["sweep", "demo", "--seeds", "100000000"], "seeds must be at most 1,000 (got 100000000)"),
+        (["sweep", "demo", "--seeds", HUGE], "seeds must be at most 1,000 (got 1000"),
         (["sweep", "demo", "--seeds", "9" * 5000], "--seeds must be a whole number of fewer digits"),
         (["sweep", "demo", "--seeds", "1e44"], "--seeds must be a whole number (got '1e44')"),
         (["sweep", "demo", "--workers", HUGE], "--workers must be less than or equal to 10000"),
@@ -177,9 +177,9 @@ TARGETS = [f"windy_gridworld:goal=[{i},0]" for i in range(20_000)]
             "the grid",
         ),
         ({"agents": {"q_learning": {"learning_rate": [0.1] * 10_001}}}, "has 10,001 configurations, more than 10,000"),
-        ({"seeds": 10_000, "hyperparameters": {"episodes": list(range(1, 100))}}, "cells, more than 1,000,000"),
-        ({"seeds": list(range(10_001))}, "seeds must be at most 10,000 (got a list of 10,001)"),
-        ({"seeds": 10**12}, "seeds must be at most 10,000"),
+        ({"seeds": 1_000, "hyperparameters": {"episodes": list(range(1, 1_000))}}, "cells, more than 1,000,000"),
+        ({"seeds": list(range(1_001))}, "seeds must be at most 1,000 (got a list of 1,001)"),
+        ({"seeds": 10**12}, "seeds must be at most 1,000"),
         ({"seeds": [2**63 - 1, -1]}, "seeds.1 must be greater than or equal to 0"),
         (
             {"scenarios": scenario(targets=TARGETS)},
