@@ -97,5 +97,5 @@ def test_mlflows_database_cannot_be_on_an_object_store(bucket: str, monkeypatch:
 
 
 def test_a_storage_that_is_none_is_refused_in_a_sentence() -> None:
-    with pytest.raises(InputError, match="got the protocol 'nowhere'"):
+    with pytest.raises(InputError, match="got 'nowhere://x/y'"):
         storage_path("nowhere://x/y")

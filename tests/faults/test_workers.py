@@ -6,6 +6,7 @@ import os
 import signal
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import CELLS
@@ -16,6 +17,8 @@ from orchestrator.execution.settings import Settings
 from orchestrator.execution.work_queue import Pack
 from orchestrator.results.sweep_folder import Results
 from trainables.cell import Cell
+from trainables.learners import dqn
+from trainables.learners.replay_buffer import Replay
 
 POOL = Settings(local=True, workers=2)
 
@@ -110,18 +113,22 @@ EXACT = {
 }
 
 
-def test_a_cell_whose_arrays_do_not_fit_into_memory_fails_with_that_cause(tmp_path: Path) -> None:
+def test_a_cell_whose_arrays_do_not_fit_into_memory_fails_with_that_cause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def replay(capacity: int, *rest: Any) -> Replay:
+        return Replay(10**13 if capacity == 777 else capacity, *rest)
+
+    monkeypatch.setattr(dqn, "Replay", replay)
     deep = {"source": {"task": "cartpole", "agent": "dqn"}, "targets": ["cartpole:gravity=5x"]}
-    sizes = {"episodes": [2], "evaluation_episodes": [1], "replay_capacity": [100, 10**13]}
     results, tally = sweep(
         tmp_path,
         scenarios=[deep],
         seeds=1,
-        agents={"dqn": {"replay_capacity": [10**13]}},
+        agents={"dqn": {"replay_capacity": [777]}},
         hyperparameters={"episodes": [2]},
     )
     assert (tally.ran, tally.failed) == (2, 1)
-    assert sizes
     errors = [str(head.error) for head in results.heads().values() if head.status == "failed"]
     assert "Memory" in errors[0]
 

@@ -37,6 +37,7 @@ def storage_path(text: str | Path) -> Path:
     if protocol in ON_DISK and text.startswith(f"{protocol}:///"):
         return Path(unquote(text.partition("://")[2]))
     _check_url(text, protocol)
+    from fsspec import get_filesystem_class
     from upath import UPath
 
     try:
@@ -45,6 +46,7 @@ def storage_path(text: str | Path) -> Path:
     except ImportError as error:
         raise InputError(f"the storage {text} needs a package: {error}") from None
     except Exception as error:  # each protocol's package has errors of its own
+        get_filesystem_class(protocol).clear_instance_cache()  # what it was asked with may be another thing next time
         raise InputError(f"the storage {text} does not answer: {_words(error)}") from None
     return cast(Path, path)
 

@@ -57,6 +57,7 @@ def test_a_sweep_without_transfer_has_curves_alone(results: Results) -> None:
 def test_every_agent_has_a_look_of_its_own_among_its_kind() -> None:
     for kind in ("tabular", "deep"):
         looks = [look(agent.name) for agent in AGENTS.values() if agent.kind == kind]
-        for part in ("light", "dark", "dash", "marker"):
-            assert len({getattr(look, part) for look in looks}) == len(looks) > 1
+        for colour in ("light", "dark"):
+            assert len({(getattr(look, colour), look.dash) for look in looks}) == len(looks) > 1
+            assert len({(getattr(look, colour), look.marker) for look in looks}) == len(looks)
         assert all(look.marker in MARKERS for look in looks)
