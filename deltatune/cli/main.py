@@ -6,11 +6,23 @@ import typer
 from typer.exceptions import TyperException
 
 from deltatune.cli.app import app
-from deltatune.cli.commands import catalogue, cluster, custom_code, manage, play, sources, sweep, sweeps
+from deltatune.cli.commands import catalogue, cluster, custom_code, dataset, manage, play, sources, sweep, sweeps
 from deltatune.cli.streams import Streams
 from trainables.errors import InputError, from_validation
 
-__all__ = ["app", "catalogue", "cluster", "custom_code", "main", "manage", "play", "sources", "sweep", "sweeps"]
+__all__ = [
+    "app",
+    "catalogue",
+    "cluster",
+    "custom_code",
+    "dataset",
+    "main",
+    "manage",
+    "play",
+    "sources",
+    "sweep",
+    "sweeps",
+]
 
 
 def main() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -160,34 +159,6 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
         out.print(f"{results.name} is in {parent}. {said}.", soft_wrap=True)
     else:
         out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
-
-
-@app.command(rich_help_panel=RUN_PANEL)
-def replay(
-    cell_id: Annotated[
-        str, typer.Argument(metavar="CELL_ID", help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")
-    ],
-    name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look in this sweep alone.")] = None,
-    file: Annotated[
-        list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
-    ] = None,
-    storage: Storage = RESULTS,
-    as_json: Json = False,
-) -> None:
-    """Run one recorded cell again in this process, and say whether every bit of its curve agrees (exit 1 if not)."""
-    from orchestrator.execution.replay import replay as run_again
-    from trainables.plugins.loader import load_file
-
-    for path in file or ():
-        load_file(path)
-    found = run_again(storage, cell_id, name)
-    if as_json:
-        print_json(asdict(found))
-    else:
-        verdict = "every bit agrees" if found.agrees else f"NOT the same: {found.first_difference}"
-        out.print(f"{found.agent} on {found.task}, seed {found.seed}, {found.points} evaluation points: {verdict}")
-    if not found.agrees:
-        raise typer.Exit(1)
 
 
 @app.command(rich_help_panel=RESULT_PANEL)

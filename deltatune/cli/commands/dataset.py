@@ -1,0 +1,127 @@
+"""Commands that publish results, take published ones up, and train recorded cells again."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from deltatune.cli.app import RESULT_PANEL, RESULTS, RUN_PANEL, Json, Storage, app, out, print_json, program
+from trainables.errors import InputError
+
+if TYPE_CHECKING:
+    from orchestrator.dataset.dataset import Dataset
+
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="The dataset's folder.")]
+
+
+@app.command(rich_help_panel=RUN_PANEL)
+def replay(
+    cell_id: Annotated[
+        str, typer.Argument(metavar="CELL_ID", help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")
+    ],
+    name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look in this sweep alone.")] = None,
+    file: Annotated[
+        list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
+    ] = None,
+    published: Annotated[
+        bool, typer.Option("--published", help="Take the cell from the dataset of deltatune's own repository.")
+    ] = False,
+    dataset: Annotated[
+        Path | None, typer.Option("--dataset", metavar="FOLDER", help="Take the cell from this published dataset.")
+    ] = None,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Run one recorded cell again in this process, and say whether every bit of its curve agrees (exit 1 if not)."""
+    from orchestrator.execution.replay import replay as run_again
+    from orchestrator.execution.replay import replay_published
+    from trainables.plugins.loader import load_file
+
+    for path in file or ():
+        load_file(path)
+    if published or dataset is not None:
+        if name is not None:
+            raise InputError(f"--sweep is for recorded sweeps, not for published cells (got '{name}')")
+        found = replay_published(_opened(dataset or _own_dataset()), cell_id, storage)
+    else:
+        found = run_again(storage, cell_id, name)
+    if as_json:
+        print_json(asdict(found))
+    else:
+        verdict = "every bit agrees" if found.agrees else f"NOT the same: {found.first_difference}"
+        out.print(f"{found.agent} on {found.task}, seed {found.seed}, {found.points} evaluation points: {verdict}")
+    if not found.agrees:
+        raise typer.Exit(1)
+
+
+@app.command(rich_help_panel=RESULT_PANEL)
+def publish(
+    folder: Folder,
+    sweeps: Annotated[list[str], typer.Argument(metavar="SWEEP...", help="The sweeps that go into it.")],
+    remarks: Annotated[
+        Path | None, typer.Option(metavar="FILE.md", help="Markdown for the data card: what it is, who made it.")
+    ] = None,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Publish sweeps as a dataset: Parquet tables, data card, licence and checksums; each row can be replayed.
+
+    Other sweeps that the dataset has stay in it; an older state of these is replaced.
+    """
+    from deltatune.cli.app import told_damage
+    from orchestrator.dataset.publication import write
+    from orchestrator.results.sweep_folder import Results
+
+    opened = [told_damage(Results.open(storage, sweep)) for sweep in sweeps]
+    try:
+        text = remarks.read_text() if remarks else ""
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"cannot read {remarks}: {error}") from None
+    made = write(folder, opened, text)
+    cells = len(made.cells)
+    if as_json:
+        print_json({"dataset": str(folder), "sweeps": made.sweeps(), "cells": cells})
+    else:
+        out.print(f"Dataset:  {folder} ({cells} cells of {', '.join(made.sweeps())})", soft_wrap=True)
+
+
+@app.command(rich_help_panel=RESULT_PANEL)
+def restore(
+    folder: Folder,
+    sweeps: Annotated[
+        list[str] | None, typer.Argument(metavar="[SWEEP...]", help="The sweeps to restore; default: all.")
+    ] = None,
+    storage: Storage = RESULTS,
+    as_json: Json = False,
+) -> None:
+    """Write the records of a published dataset into a storage folder, as if its sweeps had run there.
+
+    Then `report`, `compare` and `export` work on them, and a sweep's own command runs what is missing.
+    """
+    dataset = _opened(folder)
+    names = sweeps or dataset.sweeps()
+    for name in names:
+        dataset.space(name)
+    written = {name: dataset.restore(name, storage) for name in names}
+    if as_json:
+        print_json(written)
+        return
+    for name, count in written.items():
+        out.print(f"{name}: {count} records; {program()} sweep {dataset.space(name).name} --name {name} goes on")
+
+
+def _opened(folder: Path) -> Dataset:
+    from orchestrator.dataset.dataset import Dataset
+
+    return Dataset(folder)
+
+
+def _own_dataset() -> Path:
+    """Return docs/dataset, in this folder or in the checkout that this code is of."""
+    from orchestrator.results.provenance import packages_folder
+
+    there = Path("docs") / "dataset"
+    return there if there.is_dir() else packages_folder() / there

@@ -1,0 +1,93 @@
+"""A published dataset: cells.parquet, points.parquet, the search spaces, a data card, a licence and checksums."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from orchestrator.dataset.rows import record_of
+from orchestrator.results import checked_json
+from orchestrator.results.lock import locked
+from orchestrator.results.parquet import read_table
+from orchestrator.results.records.record import Record
+from orchestrator.results.sweep_folder import Results
+from search_spaces.loading import parse
+from search_spaces.search_space import SearchSpace
+from trainables.errors import InputError, unknown
+
+CELLS, POINTS, SPACES, SUMS = "cells.parquet", "points.parquet", "spaces", "SHA256SUMS"
+
+LINE = re.compile(r"([0-9a-f]{64})  ([A-Za-z0-9_./-]+)")
+"""A line of SHA256SUMS, as `sha256sum -c` reads it."""
+
+
+class Dataset:
+    """A dataset's folder, for reading. Raises InputError where it is none, or a file is not what was published."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._check()
+
+    def _check(self) -> None:
+        try:
+            lines = (self.folder / SUMS).read_text().splitlines()
+        except OSError:
+            raise InputError(f"{self.folder} is not a dataset: it has no {SUMS}") from None
+        sums = {found[2]: found[1] for line in lines if (found := LINE.fullmatch(line))}
+        for name in {CELLS, POINTS, *sums}:
+            if sums.get(name) != checked_json.digest(self.folder / name):
+                raise InputError(f"{self.folder / name} is missing or damaged: its checksum is not that of {SUMS}")
+
+    @functools.cached_property
+    def cells(self) -> pd.DataFrame:
+        """The cells table: one row per sweep and cell."""
+        return read_table(self.folder / CELLS)
+
+    def points(self, cell_ids: list[str] | None = None) -> pd.DataFrame:
+        """Return the curves, or those of `cell_ids`: one row per cell and evaluation point, in order."""
+        filters = None if cell_ids is None else [("cell_id", "in", cell_ids)]
+        return pd.read_parquet(self.folder / POINTS, filters=filters)
+
+    def sweeps(self) -> list[str]:
+        """Return the names of the sweeps in it."""
+        return sorted(self.cells["sweep"].unique())
+
+    def space(self, sweep: str) -> SearchSpace:
+        """Return the search space of a sweep as it was last run; InputError for a sweep that is not in it."""
+        if sweep not in self.sweeps():
+            raise unknown(f"sweep in {self.folder}", sweep, self.sweeps())
+        path = self.folder / SPACES / f"{sweep}.json"
+        return parse(str(path), checked_json.read(path)["space"])
+
+    def record(self, cell_id: str) -> Record:
+        """Return the record of a cell; InputError where there is none, or it is not what was published."""
+        rows = self.cells[self.cells["cell_id"] == cell_id]
+        if rows.empty:
+            raise InputError(f"no cell {cell_id} in {self.folder}")
+        return record_of(rows.iloc[0], self.points([cell_id]))
+
+    def records(self, sweep: str) -> Iterator[Record]:
+        """Yield the records of a sweep."""
+        rows = self.cells[self.cells["sweep"] == sweep]
+        points = dict(iter(self.points(list(rows["cell_id"])).groupby("cell_id", sort=False)))
+        for _, row in rows.iterrows():
+            yield record_of(row, points[row["cell_id"]])
+
+    def restore(self, sweep: str, storage: Path) -> int:
+        """Write the records of `sweep` into `storage`, in which its own command then goes on; how many were missing.
+
+        Raises InputError as `record` and `Results.create` do, and where another driver is at the sweep.
+        """
+        results = Results.prepare(storage, sweep)
+        with locked(results.folder) as hold:
+            results.log.guard(hold)
+            results.begin(self.space(sweep))
+            there = results.heads()
+            missing = [record for record in self.records(sweep) if record.cell.id not in there]
+            if missing:
+                results.add(*missing)
+        return len(missing)

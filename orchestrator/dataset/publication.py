@@ -1,0 +1,90 @@
+"""Writing a dataset: the cells of sweeps that are done, with all that is needed to read, check and replay them."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from orchestrator.dataset.card import LICENCE, card
+from orchestrator.dataset.dataset import CELLS, POINTS, SPACES, SUMS, Dataset
+from orchestrator.dataset.rows import WHOLE, cell_row, point_rows
+from orchestrator.results import checked_json
+from orchestrator.results.records.record import Record
+from orchestrator.results.sweep_folder import Results
+from trainables.errors import InputError
+from trainables.storage.folders import make_folder
+
+
+def write(folder: Path, sweeps: Sequence[Results], remarks: str = "") -> Dataset:
+    """Write what is done of `sweeps` into the dataset `folder`, beside the other sweeps that it has, and return it.
+
+    remarks: Markdown for the data card. Raises InputError for a sweep without a cell that is done, or a folder that
+    has other files than a dataset's.
+    """
+    before = Dataset(folder) if (folder / SUMS).exists() else None
+    make_folder(folder)
+    if before is None and any(folder.iterdir()):
+        raise InputError(f"{folder} is not empty, and not a dataset")
+    frames = {results.name: _frames(results) for results in sweeps}
+    kept = before.cells[~before.cells["sweep"].isin(list(frames))] if before else pd.DataFrame()
+    cells = _joined([kept, *(cells for cells, _ in frames.values())]).sort_values(["sweep", "cell_id"])
+    old = [before.points(list(kept["cell_id"]))] if before and len(kept) else []
+    points = _joined([*old, *(points for _, points in frames.values())])
+    points = points.drop_duplicates(["cell_id", "episode"]).sort_values(["cell_id", "episode"])
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".dataset-") as made:
+        new = Path(made)
+        _put(new, cells, points, before)
+        for results in sweeps:
+            space = {"schema": 1, "space": results.space().to_json()}
+            checked_json.write(make_folder(new / SPACES) / f"{results.name}.json", space, indent=1)
+        (new / "README.md").write_text(card(cells, points, remarks))
+        _seal(new)
+        Dataset(new)
+        shutil.copytree(new, folder, dirs_exist_ok=True)
+    return Dataset(folder)
+
+
+def _frames(results: Results) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the sweep's cells and points."""
+    done: list[Record] = [record for _, _, record in results.records() if record and record.status == "done"]
+    if not done:
+        raise InputError(f"the sweep {results.name} has no cell that is done")
+    cells = pd.DataFrame([cell_row(results.name, record) for record in done])
+    return cells, _joined([point_rows(record) for record in done])
+
+
+def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Return the rows of all, with the columns of any."""
+    tables = [pa.Table.from_pandas(frame, preserve_index=False) for frame in frames if len(frame)]
+    joined: pd.DataFrame = pa.concat_tables(tables, promote_options="permissive").to_pandas()
+    return joined
+
+
+def _put(folder: Path, cells: pd.DataFrame, points: pd.DataFrame, before: Dataset | None) -> None:
+    """Write the tables, the licence, and the search spaces of the sweeps that stay."""
+    floats = [name for name in points.columns if name not in ("cell_id", *WHOLE)]
+    pq.write_table(
+        pa.Table.from_pandas(points, preserve_index=False),
+        folder / POINTS,
+        compression="zstd",
+        compression_level=15,
+        use_dictionary=["cell_id", *floats],
+        row_group_size=50_000,
+    )
+    pq.write_table(pa.Table.from_pandas(cells, preserve_index=False), folder / CELLS, compression="zstd")
+    if before and (before.folder / SPACES).is_dir():
+        shutil.copytree(before.folder / SPACES, folder / SPACES)
+    (folder / "LICENSE").write_text(LICENCE)
+
+
+def _seal(folder: Path) -> None:
+    """Write the checksums of all files."""
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    lines = [f"{checked_json.digest(folder / name)}  {name}\n" for name in names]
+    (folder / SUMS).write_text("".join(lines))
