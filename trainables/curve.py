@@ -17,6 +17,9 @@ Columns = Mapping[str, Sequence[float | int | None]]
 
 FIELDS = ("episode", "step", "greedy_return", "discounted_return", "training_return", "seconds")
 
+ADVISED = "advised_"
+"""How statistics begin that are of the advised steps since the last evaluation: they are None where there is none."""
+
 LAST_SHARE = 0.1
 """Share of the curve that asymptotic performance averages."""
 
@@ -116,6 +119,12 @@ def digest(curve: Columns) -> str:
     data = {name: list(values) for name, values in curve.items() if name != "seconds"}
     text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def mean(values: Sequence[float | int | None]) -> float | None:
+    """Return the mean of what a column says; None where it says nothing."""
+    given = [value for value in values if value is not None]
+    return sum(given) / len(given) if given else None
 
 
 def auc(values: Sequence[float]) -> float:

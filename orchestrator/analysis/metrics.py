@@ -178,6 +178,10 @@ METRICS: tuple[Metric, ...] = (
     Metric("training_auc", "AUC of the training returns", _mean("training_auc")),
     Metric("asymptotic", "asymptotic performance", _mean("asymptotic")),
     Metric("max_abs_delta", "max |delta| at the end of training", _mean("final_max_abs_delta")),
+    Metric("advised_factor", "mean factor at the advised states", _mean("mean_advised_factor")),
+    Metric("advised_delta", "mean max |delta| at the advised states", _mean("mean_advised_delta")),
+    Metric("delta_median", "median of max |delta| over remembered states", _mean("final_delta_median")),
+    Metric("delta_sample_median", "median size of delta's samples", _mean("final_delta_sample_median")),
     TRANSFER_RATIO,
     DIFFERENCE,
     Metric(

@@ -81,9 +81,11 @@ def _retrained(dataset: Dataset, cell_id: str, load: Callable[[str], Knowledge])
 
 
 def _again(record: Record, load: Callable[[str], Knowledge]) -> tuple[Training, curve.Columns]:
+    """Return what trained the cell of `record` again, and the curve, in the columns that the record has."""
     one_thread()
     training = train(record.cell, source_knowledge(record.cell, load) if record.cell.sources else None)
-    return training, curve.columns(training)
+    again = curve.columns(training)
+    return training, {name: column for name, column in again.items() if name in record.points}
 
 
 def _compare(record: Record, sweep: str, load: Callable[[str], Knowledge]) -> Replay:

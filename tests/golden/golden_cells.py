@@ -44,6 +44,9 @@ FEW: dict[str, Any] = DEEP | {"episodes": 2, "evaluate_every": 1, "evaluation_ep
 TRAIN = {"delta_after_advice": "train"}
 """What delta_es did before it could rest: the JSON of its cells does not say it."""
 
+YOUNGER = "advised_factor", "advised_delta", "advised_paper_factor", "delta_sample_median"
+"""Statistics that came after the digests called `curve`, which are without them; `whole` has every column."""
+
 Named = Iterator[tuple[str, Cell]]
 
 
@@ -161,17 +164,19 @@ def cells() -> dict[str, Cell]:
     return sources() | dict(transfers())
 
 
-def digests() -> Iterator[tuple[str, str]]:
-    """Names with the digests of their curves, the sources trained on the way."""
+def digests() -> Iterator[tuple[str, dict[str, str]]]:
+    """Names with the digests of their curves, `curve` and `whole`, the sources trained on the way."""
     known: dict[str, Knowledge] = {}
     for name, cell in cells().items():
         source = source_knowledge(cell, known.__getitem__) if cell.sources else None
         training = train(cell, source)
-        yield name, curve.digest(curve.columns(training))
+        table = curve.columns(training)
+        older = {column: values for column, values in table.items() if column not in YOUNGER}
+        yield name, {"curve": curve.digest(older), "whole": curve.digest(table)}
         known[cell.id] = training.knowledge()
 
 
 def recorded() -> dict[str, dict[str, Any]]:
-    """What golden.json says, by name: the cell, its id, and the digest of its curve."""
+    """What golden.json says, by name: the cell, its id, and the digests of its curve."""
     result: dict[str, dict[str, Any]] = json.loads(FILE.read_text())
     return result

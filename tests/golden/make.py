@@ -11,8 +11,7 @@ def make() -> str:
     """The content of golden.json."""
     cells = golden_cells.cells()
     found = {
-        name: {"id": cells[name].id, "curve": digest, "cell": cells[name].to_json()}
-        for name, digest in golden_cells.digests()
+        name: {"id": cells[name].id, **found, "cell": cells[name].to_json()} for name, found in golden_cells.digests()
     }
     return "{\n" + ",\n".join(f"{json.dumps(name)}: {json.dumps(entry)}" for name, entry in found.items()) + "\n}\n"
 

@@ -15,6 +15,13 @@ from trainables.agents.builtin.dqn import DQN
 from trainables.cell import Cell
 from trainables.delta.sample import chosen
 from trainables.errors import InputError
+from trainables.learners.advice_statistics import (
+    NO_DELTA,
+    advised_statistics,
+    delta_statistics,
+    largest_delta,
+    take_note,
+)
 from trainables.learners.replay_buffer import Batch
 from trainables.networks.network import Network
 from trainables.numerics.jit import compiled
@@ -37,16 +44,13 @@ def best_action(q: F32, q_src: F32, delta: F32, kappa: float) -> int:
     return at
 
 
-_NO_DELTA = np.zeros(0, np.float32)
-
-
 class Follows(NamedTuple):
     """What advice is read from."""
 
     source: Network | None = None
     """Q_src; None: there is no advice to be had now, the action is argmax Q."""
     delta: Network | None = None
-    fixed_delta: F32 = _NO_DELTA
+    fixed_delta: F32 = NO_DELTA
     """What stands for delta(s, .) where there is no delta network."""
 
 
@@ -78,6 +82,8 @@ class Advice:
     ) -> None:
         """source_steps: T, the steps that the source run took."""
         self.settings, self.source, self.delta = settings, source, delta
+        self.advised = np.zeros(4)
+        """The steps since the last evaluation whose action was chosen with advice, as `take_note` counts them."""
 
     def begin(self, run: Run) -> None:
         """Do what is to be done once, before the first episode."""
@@ -120,6 +126,10 @@ class Advice:
         """Return what to report of the advice, over states (n, inputs)."""
         return {}
 
+    def advised_statistics(self) -> dict[str, float]:
+        """Return what to report of the steps that were advised since the last evaluation; nothing of no step."""
+        return {}
+
     def state(self) -> dict[str, Any]:
         """Return what changes while training, for a checkpoint."""
         return {}
@@ -150,6 +160,7 @@ class SourceAdvantage(Advice):
         if source is None:
             return int(q.argmax())
         delta = fixed if network is None else network.row(observation)
+        take_note(self.advised, delta, delta)
         return int(best_action(q, source.row(observation), delta, self.kappa))
 
     def rows(self, observations: F32) -> F32:
@@ -173,6 +184,13 @@ class SourceAdvantage(Advice):
             return found
         found["advice_factor"] = float((self.kappa * self.factor(observations)).mean())
         return found if self.delta is None else found | delta_statistics(self.delta, observations)
+
+    def advised_statistics(self) -> dict[str, float]:
+        """Return the mean factor at the advised states, without kappa, and with a delta network max_a |delta| there.
+
+        Where the factor is not the paper's exp(-max_a |delta|), the mean of that beside it.
+        """
+        return advised_statistics(self.advised, self.follows().delta is not None)
 
     def state(self) -> dict[str, Any]:
         """Return kappa."""
@@ -265,18 +283,3 @@ def decay_constant(fraction: float, source_steps: int) -> float:
     if source_steps < 1:
         raise InputError(f"the source run must have taken at least one step (got {source_steps})")
     return 1.0 / (fraction * source_steps)
-
-
-def largest_delta(delta: Network, observations: F32) -> F32:
-    """Return max_a |delta(s,a)| at each observation, (n,)."""
-    result: F32 = np.abs(delta.rows(observations)).max(axis=1)
-    return result
-
-
-def delta_statistics(delta: Network, observations: F32) -> dict[str, float]:
-    """Return the mean and the quantiles of max_a |delta(s,a)| over states (n, inputs); nothing of no state."""
-    if not len(observations):
-        return {}
-    largest = largest_delta(delta, observations)
-    median, p90 = (float(np.quantile(largest, share)) for share in (0.5, 0.9))
-    return {"delta_mean": float(largest.mean()), "delta_median": median, "delta_p90": p90}

@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from trainables.agents.builtin.dqn import DQN
 from trainables.agents.named import entry
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
+from trainables.delta.sample import delta_samples
 from trainables.errors import TrainingError
 from trainables.knowledge import Knowledge
 from trainables.learners.advice import Advice, Run
@@ -199,6 +201,7 @@ class DeepLearner:
         if undiscounted >= self._best_return:
             self._best, self._best_return = self._q.vector(), undiscounted
         self._losses, self._updates, self._returns, self._since = 0.0, 0, 0.0, 0
+        self._advice.advised[:] = 0.0
         return point
 
     def preferences(self, observations: F32) -> F32:
@@ -209,13 +212,20 @@ class DeepLearner:
         statistics = {"epsilon": self._epsilon()}
         if self._updates:
             statistics["loss"] = self._losses / self._updates
-        return statistics | self._advice.statistics(self._remembered_states())
+        source, advice = self._advice.source, self._advice
+        if source is not None and self._replay.size:
+            samples = delta_samples(source, self._replay.transitions(self._spread()), self._settings.gamma)
+            statistics["delta_sample_median"] = float(np.median(np.abs(samples)))
+        return statistics | advice.statistics(self._remembered_states()) | advice.advised_statistics()
+
+    def _spread(self) -> NDArray[np.int64]:
+        """The places of as many transitions as a minibatch has, spread evenly over the replay buffer."""
+        size = self._replay.size
+        return np.linspace(0, size - 1, min(size, self._settings.batch_size)).astype(np.int64)
 
     def _remembered_states(self) -> F32:
         """As many states as a minibatch has, spread evenly over the replay buffer, (n, inputs)."""
-        replay = self._replay
-        spread = np.linspace(0, replay.size - 1, min(replay.size, self._settings.batch_size)).astype(np.int64)
-        return replay.memory.observations[spread]
+        return self._replay.memory.observations[self._spread()]
 
     def knowledge(self) -> Knowledge:
         """The last and the best-evaluated Q, for a later transfer."""
@@ -245,6 +255,7 @@ class DeepLearner:
             "target": self._target.state(),
             "delta": {} if self._delta is None else self._delta.state(),
             "advice": self._advice.state(),
+            "advised": self._advice.advised.copy(),
             "replay": self._replay.state(),
             "targets": self._targets.state(),
             "best": self._best.copy(),
@@ -261,6 +272,9 @@ class DeepLearner:
         if self._delta is not None:
             self._delta.restore(state["delta"])
         self._advice.restore(state["advice"])
+        self._advice.advised[:] = state.get(
+            "advised", 0.0
+        )  # a checkpoint of before it was counted was evaluated just then
         self._replay.restore(state["replay"])
         self._targets.restore(state["targets"])
         self._best[:] = state["best"]

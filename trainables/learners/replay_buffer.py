@@ -154,8 +154,8 @@ class Replay:
             self.size, self.head, targets.stale,
         )  # fmt: skip
 
-    def transitions(self, part: slice) -> Transitions:
-        """Return the transitions in a slice."""
+    def transitions(self, part: slice | I64) -> Transitions:
+        """Return the transitions in a slice, or at some places."""
         m = self.memory
         return Transitions(
             m.observations[part], m.actions[part], m.rewards[part], m.next_observations[part], m.terminated[part]

@@ -139,4 +139,5 @@ def _summary(record: Record) -> Summary:
         "steps_per_second": (steps or 0) / record.seconds if record.seconds else None,
     }
     extra = sorted(set(points) - {*curve.FIELDS})
-    return summary | {f"final_{name}": points[name][-1] for name in extra}
+    summary |= {f"final_{name}": points[name][-1] for name in extra}
+    return summary | {f"mean_{name}": curve.mean(points[name]) for name in extra if name.startswith(curve.ADVISED)}

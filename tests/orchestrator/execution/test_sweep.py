@@ -114,6 +114,17 @@ def test_replay_says_where_a_curve_differs(storage: Path) -> None:
     assert found.first_difference.startswith("greedy_return at episode 20: -1.25 was recorded")
 
 
+def test_a_record_from_before_a_statistic_was_reported_is_replayed_by_what_it_has(storage: Path) -> None:
+    results = Results.open(storage, "small")
+    record = next(r for _, _, r in results.records() if r is not None and r.cell.agent == "delta_gate")
+    points = {name: column for name, column in record.points.items() if name != "max_abs_delta"}
+    assert len(points) == len(record.points) - 1
+    from trainables import curve
+
+    results.add(record.model_copy(update={"points": points, "digest": curve.digest(points)}))
+    assert replay(storage, record.cell.id).agrees
+
+
 def test_a_failed_cell_is_kept_as_failed_until_it_is_asked_for_again(
     storage: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

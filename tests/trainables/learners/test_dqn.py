@@ -121,12 +121,12 @@ def test_what_is_reported(agent: str, source: Knowledge) -> None:
     last = points[-1].statistics
     names = {"epsilon", "loss"}
     if agent != "dqn":
-        names |= {"kappa", "advice_factor"}
+        names |= {"kappa", "advice_factor", "advised_factor", "delta_sample_median"}
     if agent.startswith("delta"):
-        names |= {"delta_mean", "delta_median", "delta_p90"}
+        names |= {"delta_mean", "delta_median", "delta_p90", "advised_delta"}
         names |= {"delta_rests"} if agent == "delta_es" else set()
         assert 0 < last["delta_median"] <= last["delta_p90"]
-    assert set(last) == names
+    assert set().union(*(point.statistics for point in points[1:])) == names
     assert points[-1].step == sum(
         round(point.training_return * 4) for point in points[1:] if point.training_return is not None
     )

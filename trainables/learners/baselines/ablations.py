@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from trainables.learners.advice import DeltaShaping, Follows, Run, best_action, largest_delta
+from trainables.learners.advice import DeltaShaping, Follows, Run, best_action
+from trainables.learners.advice_statistics import largest_delta, take_note
 from trainables.networks.network import Network
 from trainables.numerics.matmul import F32
 from trainables.numerics.rng import stream
@@ -70,7 +71,9 @@ class ShuffledFactor(DeltaShaping):
     def best(self, q: F32, observation: F32) -> int:
         """Return the action of eq. (5) with delta of another state; of its own before any is remembered."""
         other = self._states[self._rng.integers(len(self._states))] if len(self._states) else observation
-        return int(best_action(q, self.source.row(observation), self.delta.row(other), self.kappa))
+        delta = self.delta.row(other)
+        take_note(self.advised, delta, delta)
+        return int(best_action(q, self.source.row(observation), delta, self.kappa))
 
     def state(self) -> dict[str, Any]:
         """Return what Algorithm 2 does, and the random stream."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trainables.learners.advice import DeltaShaping
+from trainables.learners.advice_statistics import NO_DELTA, take_note
 from trainables.networks.network import Network
 from trainables.numerics.matmul import F32
 
@@ -19,7 +20,9 @@ class CorrectedAdvice(DeltaShaping):
 
     def best(self, q: F32, observation: F32) -> int:
         """Return argmax_a Q + kappa (Q_src + delta)(s,a): the maximum over actions cancels out."""
-        corrected = self.source.row(observation) + self.delta.row(observation)
+        delta = self.delta.row(observation)
+        take_note(self.advised, delta, NO_DELTA)
+        corrected = self.source.row(observation) + delta
         return int((q + np.float32(self.kappa) * corrected).argmax())
 
     def rows(self, observations: F32) -> F32:

@@ -8,7 +8,8 @@ import numpy as np
 import torch
 
 from trainables.delta.sample import delta_samples
-from trainables.learners.advice import DeltaShaping, Run, best_action, largest_delta
+from trainables.learners.advice import DeltaShaping, Run, best_action
+from trainables.learners.advice_statistics import largest_delta, take_note
 from trainables.networks.network import Network, new_network
 from trainables.numerics.matmul import F32
 from trainables.numerics.rng import seed_sequence, stream
@@ -65,6 +66,7 @@ class RelativeDelta(DeltaShaping):
         else:
             excess = max(0.0, float(np.abs(delta).max()) - self._quantile)
         self._exponent[0] = excess / self._unit
+        take_note(self.advised, delta, self._exponent)
         return int(best_action(q, self.source.row(observation), self._exponent, self.kappa))
 
     def factor(self, observations: F32) -> F32:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trainables.delta.sample import delta_sample
 from trainables.learners.advice import best_action
+from trainables.learners.advice_statistics import take_note
 from trainables.learners.replay_buffer import Batch, Memory, gather
 from trainables.learners.targets import td_target
 from trainables.networks import mlp
@@ -141,6 +142,7 @@ def _choose(
     source: Any,
     source_room: F32,
     fixed_delta: F32,
+    advised: F64,
 ) -> int:
     """Return the epsilon-greedy action on the values of eq. (5)."""
     epsilon = options.epsilon
@@ -153,6 +155,7 @@ def _choose(
         return int(values.argmax())
     q_src = _row(source[0], source[1], seen, source_room)
     reach = _row(delta[0], delta[1], seen, delta_room) if options.follows_delta else fixed_delta
+    take_note(advised, reach, reach)
     return best_action(values, q_src, reach, sums[KAPPA])
 
 
@@ -210,6 +213,7 @@ def play(
     source: Any,
     source_room: F32,
     fixed_delta: F32,
+    advised: F64,
 ) -> int:
     """Go on with an episode until it ends, or until something is to be done outside: why it came back.
 
@@ -221,7 +225,7 @@ def play(
         if counts[GO_ON] == ACT:
             counts[ACTION] = _choose(
                 counts, sums, rng, options, len(controls), seen,
-                q, q_room, delta, delta_room, source, source_room, fixed_delta,
+                q, q_room, delta, delta_room, source, source_room, fixed_delta, advised,
             )  # 4  # fmt: skip
             before = sums[KAPPA]  # 5
             sums[KAPPA] = max(0.0, before - options.decrement)

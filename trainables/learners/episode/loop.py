@@ -111,7 +111,7 @@ class EpisodeLoop:
             counts, sums, self._rng, self._options(epsilon, follows), simulator.physics, env.state,
             self._seen, self._after, replay.memory, replay.drawn, targets.targets, replay.batch, replay.batch_targets,
             *q.trained, q.read[1], self._target.read[0], *delta.trained, delta.read[1], *source.read,
-            follows.fixed_delta,
+            follows.fixed_delta, advice.advised,
         )  # fmt: skip
         replay.size, replay.head, replay.next = int(counts[SIZE]), int(counts[HEAD]), int(counts[NEXT])
         targets.stale, targets.stale_delta = int(counts[STALE]), int(counts[STALE_DELTA])
