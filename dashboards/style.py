@@ -78,7 +78,7 @@ def assign(agents: Iterable[str]) -> None:
 
 def key(agent: str) -> str:
     """Return the name of an agent's look, the same in every figure of a sweep."""
-    named = _NAMED.get(agent) or (agent_named(agent).look if names.own(agent) else "")
+    named = _NAMED.get(agent) or (agent_named(agent).look if names.is_custom(agent) else "")
     return named if named in PALETTE else _FREE[_ASSIGNED.setdefault(agent, len(_ASSIGNED)) % len(_FREE)]
 
 

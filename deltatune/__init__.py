@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from trainables.agents.builtin.q_learning import QLearning, Transfer
     from trainables.cell import Cell, Source
     from trainables.curve import EvalPoint
+    from trainables.custom import agent, feature, tabular_task, task
+    from trainables.custom import load as load_custom
     from trainables.delta.bounds import bounds
     from trainables.errors import InputError
     from trainables.knowledge import Knowledge
     from trainables.learners.dqn import DeepLearner
     from trainables.learners.step_learner import StepLearner
-    from trainables.own import agent, feature, tabular_task, task
-    from trainables.own import load as load_custom
     from trainables.tasks.make import make_env
     from trainables.tasks.registry import parse_task
     from trainables.tasks.spec.tabular_model import TransitionModel
@@ -62,7 +62,7 @@ _PLACES = {
     "trainables.knowledge": ("Knowledge",),
     "trainables.learners.dqn": ("DeepLearner",),
     "trainables.learners.step_learner": ("StepLearner",),
-    "trainables.own": ("agent", "feature", "tabular_task", "task", "load_custom:load"),
+    "trainables.custom": ("agent", "feature", "tabular_task", "task", "load_custom:load"),
     "trainables.tasks.make": ("make_env",),
     "trainables.tasks.registry": ("parse_task",),
     "trainables.tasks.spec.tabular_model": ("TransitionModel",),

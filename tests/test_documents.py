@@ -96,6 +96,6 @@ def test_there_is_something_to_check() -> None:
 
 @pytest.mark.parametrize("example", sorted((ROOT / "docs" / "examples").glob("*.py")), ids=lambda path: path.name)
 def test_an_example_is_in_its_page_word_for_word(example: Path) -> None:
-    pages = [page.read_text() for page in (ROOT / "docs").glob("own_*.md")]
+    pages = [page.read_text() for page in (ROOT / "docs").glob("custom_*.md")]
     code = [block.strip() for page in pages for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL)]
     assert example.read_text().partition('"""\n\n')[2].strip() in code

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from deltatune.cli.app import err, out, print_json, print_named
 from deltatune.cli.sheet import table
 from deltatune.cli.tables import duration, span
-from orchestrator.cluster.resources import own_cpus
+from orchestrator.cluster.resources import local_cpus
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.settings import Settings
 from orchestrator.results.sweep_folder import Results
@@ -18,7 +18,7 @@ from trainables.plugins.names import short
 def say_forecast(space: SearchSpace, settings: Settings, results: Results, as_json: bool) -> None:
     """Say what a sweep with these settings would do and cost. Nothing is written."""
     with err.status("measuring"):
-        found = forecast(space, settings, results, settings.workers or own_cpus())
+        found = forecast(space, settings, results, settings.workers or local_cpus())
     low, high = found.wall
     if as_json:
         print_json(asdict(found) | {"seconds": [low, high]})

@@ -1,4 +1,4 @@
-"""An own agent, complete: Q-learning whose advice from the source fades with each visit to a state."""
+"""A custom agent, complete: Q-learning whose advice from the source fades with each visit to a state."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""An own task, complete: `deltatune check tank.py:Task`."""
+"""A custom task, complete: `deltatune check tank.py:Task`."""
 
 import gymnasium
 import numpy as np

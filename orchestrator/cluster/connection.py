@@ -16,7 +16,7 @@ from typing import Any
 
 import ray
 
-from orchestrator.cluster.resources import Resources, own_cpus
+from orchestrator.cluster.resources import Resources, local_cpus
 from orchestrator.results.provenance import packages_folder, write_staged
 from trainables.errors import InputError
 
@@ -41,7 +41,7 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
         yield
         return
     if address is None:
-        cpus = math.ceil(workers * resources.cpus) if workers else own_cpus()
+        cpus = math.ceil(workers * resources.cpus) if workers else local_cpus()
         ray.init(address="local", num_cpus=cpus, include_dashboard=False, **_QUIET)
     else:
         _join(address)

@@ -21,7 +21,7 @@ class Resources:
         return {name: amount for name, amount in wanted.items() if amount}
 
 
-def own_cpus() -> int:
+def local_cpus() -> int:
     """The CPUs that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

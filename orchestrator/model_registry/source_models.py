@@ -66,7 +66,7 @@ def read_steps(text: str) -> dict[int, int]:
 def source_models(results: Results) -> list[SourceModel]:
     """Return the source models of a sweep, in the order of its plan.
 
-    Left out are sources that this sweep has not trained itself, and modules of the user's own, which only their
+    Left out are sources that this sweep has not trained itself, and custom modules, which only their
     factory can build.
     """
     plan, library = results.plan(), SourceLibrary(results.storage)

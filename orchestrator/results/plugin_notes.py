@@ -30,14 +30,14 @@ def keep(folder: Path, space: SearchSpace) -> None:
     agents = {name: agent_named(name) for name in (*space.agents, *(s.source.agent for s in space.scenarios))}
     bases = {agent.base: agent_named(agent.base) for agent in agents.values() if agent.base is not None}
     things: dict[str, Any] = {**families, **agents, **bases}
-    notes = {name: note(thing) for name, thing in things.items() if thing.origin == "own"}
+    notes = {name: note(thing) for name, thing in things.items() if thing.origin == "custom"}
     if notes:
         checked_json.write(folder / FILE, {"schema": 1, **_read(folder), **notes}, indent=1)
 
 
 def recall(folder: Path) -> None:
     """Take the notes of a sweep's folder into account from now on. They are data: nothing of them is run."""
-    remember({name: note for name, note in _read(folder).items() if names.own(name) and isinstance(note, dict)})
+    remember({name: note for name, note in _read(folder).items() if names.is_custom(name) and isinstance(note, dict)})
 
 
 def _read(folder: Path) -> dict[str, Any]:

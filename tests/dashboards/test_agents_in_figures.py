@@ -13,7 +13,7 @@ from dashboards.style import look
 from orchestrator.export.sb3 import dqn_arguments
 from tests.dashboards.synthetic import findings
 from trainables.agents.registry import AGENTS
-from trainables.own import load
+from trainables.custom import load
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "fading_advice.py"
 
@@ -39,7 +39,7 @@ def test_a_threshold_that_was_calibrated_is_drawn_at_its_mean(tmp_path: Path) ->
     assert [(level.value, level.label) for level in levels] == [(4.5, "threshold of delta_gate")]
 
 
-def test_an_agent_of_ones_own_has_every_figure_and_export(tmp_path: Path) -> None:
+def test_a_custom_agent_has_every_figure_and_export(tmp_path: Path) -> None:
     """It reports max |delta| and has a transfer ratio, so that it is in the figure of delta against transfer."""
     name = load(f"{EXAMPLE}:Agent")
     agents: dict[str, Any] = {"q_learning": {}, name: {}}

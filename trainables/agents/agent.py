@@ -27,7 +27,7 @@ class Agent:
     learner: str | Callable[..., Any]
     """The learner's class, or the `module:Class` of one that is imported when a cell is trained."""
     kind: Literal["tabular", "deep"] = "tabular"
-    origin: Literal["built-in", "own", "missing"] = "built-in"
+    origin: Literal["built-in", "custom", "missing"] = "built-in"
     """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
     several: bool = False
     """Whether it chooses among several sources: a cell of it may name a library beside the source."""
@@ -41,9 +41,9 @@ class Agent:
     """A colour of `dashboards.style.PALETTE`, with its dash and marker; empty: one that no agent of its kind has."""
     plots: tuple[Plot, ...] = ()
     """What the report draws of it over training."""
-    own_scale: tuple[str, ...] = ("threshold",)
-    """Hyperparameters whose value for a task (`TaskFamily.defaults`) is another agent's: the paper's threshold is on
-    Algorithm 1's scale."""
+    no_task_default: tuple[str, ...] = ("threshold",)
+    """Hyperparameters that take no default from the task (`TaskFamily.defaults`): the paper's thresholds are on the
+    scale of Algorithm 1."""
 
     @property
     def needs_source(self) -> bool:
@@ -64,11 +64,12 @@ class Agent:
             deep = [name for name, family in families().items() if family.model is None]
             raise InputError(f"{self.name} needs a task with vector observations ({', '.join(deep)}), not {task.name}")
         known = self.hyperparameters.model_fields
-        own = {key: value for key, value in task.family.defaults.items() if key in known and key not in self.own_scale}
+        usable = known.keys() - set(self.no_task_default)
+        defaults = {key: value for key, value in task.family.defaults.items() if key in usable}
         for key in given:
             if key not in known and self.origin != "missing":
                 raise unknown(f"hyperparameter of {self.name}", key, known)
         try:
-            return self.hyperparameters.model_validate(own | given)
+            return self.hyperparameters.model_validate(defaults | given)
         except ValidationError as error:
             raise from_validation(self.name, error) from None

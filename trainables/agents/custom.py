@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def agent(name: str) -> Agent | None:
-    """The own agent called `name`, a stand-in where its code is not there; None where `name` is no own code's.
+    """Return the custom agent called `name`, a placeholder where its code is missing; None where `name` is not custom.
 
     Raises InputError for a file that nobody has loaded by its name, and for what is no agent.
     """
@@ -57,4 +57,4 @@ def _agent(name: str, thing: Any) -> Agent:
     base = thing.base
     if base is not None and names.by_file(name) and base.startswith(f"{short}:"):
         base = f"{code}:{base.partition(':')[2]}"  # another agent of the same file
-    return _AGENTS.setdefault(name, replace(thing, name=name, base=base, origin="own"))
+    return _AGENTS.setdefault(name, replace(thing, name=name, base=base, origin="custom"))

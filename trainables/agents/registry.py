@@ -67,7 +67,7 @@ def agents() -> dict[str, Agent]:
 def agent_named(name: str) -> Agent:
     """The agent called `name`; InputError with the list of what there is.
 
-    A name of own code whose file or package is not there gives a stand-in, which can be read of and not trained.
+    A name of custom code whose file or package is not there gives a stand-in, which can be read of and not trained.
     """
     if name in AGENTS:
         return AGENTS[name]

@@ -44,7 +44,7 @@ def prepare(agents: Iterable[str]) -> None:
     for name in agents:
         try:
             entry(agent_named(name).learner)
-        except Exception as error:  # its cells fail with a sentence of their own
+        except Exception as error:  # each of its cells fails with this sentence
             log.info("the learner of %s cannot be imported: %s", name, error)
 
 

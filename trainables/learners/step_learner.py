@@ -1,4 +1,4 @@
-"""A tabular learner in plain Python, to be derived from: an own agent says how it acts, and where it differs how it
+"""A tabular learner in plain Python, to be derived from: a custom agent says how it acts, and where it differs how it
 learns. About a hundredth of the compiled loop's speed.
 """
 

@@ -20,7 +20,7 @@ class Network(Protocol):
     """Q(s, .) with its optimiser; `QNetwork` says what each method does."""
 
     sizes: NDArray[np.int64]
-    """Inputs, hidden layers, actions; empty for a module of the user's own, whose shape only its factory knows."""
+    """Inputs, hidden layers, actions; empty for a custom module, whose shape only its factory knows."""
 
     def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
         """One Adam step towards targets (B,) at observations (inputs, B), flat, and actions (B,); the loss."""

@@ -1,4 +1,4 @@
-"""A Q-network computed by torch alone: for a GPU, and for a module of the user's own."""
+"""A Q-network computed by torch alone: for a GPU, and for a custom module."""
 
 from __future__ import annotations
 

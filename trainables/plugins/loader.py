@@ -1,4 +1,4 @@
-"""The own files that this process has loaded: by whom they are named, what they say, and where their errors are.
+"""The custom files that this process has loaded: by whom they are named, what they say, and where their errors are.
 
 A file runs only where somebody has named it: on the command line, in a search space of theirs, or by `own.load`.
 A name in a record, or in anything else that is read, never loads one.
@@ -26,8 +26,8 @@ MOST_BYTES = 10 * 2**20
 """Largest file of custom code."""
 
 
-class OwnCodeError(RuntimeError):
-    """Own code that breaks a promise of its kind. The text is one sentence, with the file and the line."""
+class CustomCodeError(RuntimeError):
+    """Custom code that breaks a promise of its kind. The text is one sentence, with the file and the line."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ _LOADED: dict[str, Loaded] = {}
 BROKEN: dict[str, str] = {}
 """Why an installed file could not be run, by 'FILE.py@PIN'."""
 _PLACES: set[str] = set()
-"""The `co_filename` of own code, installed packages' included."""
+"""The `co_filename` of custom code, installed packages' included."""
 
 
 def pin_of(source: bytes) -> str:
@@ -123,21 +123,21 @@ def install(files: Mapping[str, bytes]) -> None:
 
 
 def watch(place: str) -> None:
-    """Take code in the file `place` for own code when errors are traced."""
+    """Take code in the file `place` for custom code when errors are traced."""
     _PLACES.add(place)
 
 
-def is_own(place: str) -> bool:
-    """Whether the code in the file `place` is own code."""
+def is_custom(place: str) -> bool:
+    """Whether the code in the file `place` is custom code."""
     return place in _PLACES
 
 
 def in_words(exception: BaseException) -> str:
-    """An error of a cell in one sentence, with the innermost line of own code, else the innermost line of all."""
-    if isinstance(exception, OwnCodeError):
+    """An error of a cell in one sentence, with the innermost line of custom code, else the innermost line of all."""
+    if isinstance(exception, CustomCodeError):
         return str(exception)
     frames = traceback.extract_tb(exception.__traceback__)
-    where = next((frame for frame in reversed(frames) if is_own(frame.filename)), frames[-1])
+    where = next((frame for frame in reversed(frames) if is_custom(frame.filename)), frames[-1])
     text = " ".join(str(exception).split())
     return f"{type(exception).__name__}: {text} ({Path(where.filename).name}:{where.lineno})"
 
@@ -147,7 +147,9 @@ def _run(key: str, source: bytes, place: str) -> None:
     if key in _LOADED:
         return
     file, _, digest = key.partition("@")
-    module = types.ModuleType(f"deltatune_own_{digest}_{file.removesuffix('.py').replace('.', '_').replace('-', '_')}")
+    module = types.ModuleType(
+        f"deltatune_custom_{digest}_{file.removesuffix('.py').replace('.', '_').replace('-', '_')}"
+    )
     module.__file__ = place
     text = source.decode("utf-8-sig", errors="replace")
     linecache.cache[place] = (len(text), None, text.splitlines(keepends=True), place)  # for tracebacks and `inspect`

@@ -1,4 +1,4 @@
-"""How own code is named.
+"""How custom code is named.
 
 FILE.py:NAME[:FEATURE=VALUE,...]          as people write it
 FILE.py@PIN:NAME[:FEATURE=VALUE,...]      as cells hold it: the file's name alone, and a hash of its content
@@ -36,7 +36,7 @@ class FileName:
 
 
 def by_file(text: str) -> bool:
-    """Whether `text` names own code by its file."""
+    """Whether `text` names custom code by its file."""
     return re.match(r"[^:]*\.py(@[^:]*)?(:|$)", text) is not None
 
 
@@ -58,12 +58,12 @@ def package_name(text: str) -> tuple[str, str]:
 
 
 def short(text: str) -> str:
-    """`text` with every name of own code as people write it, without pins."""
+    """`text` with every name of custom code as people write it, without pins."""
     return re.sub(r"(?<=\.py)@[0-9a-f]{8}(?=:)", "", text)
 
 
-def own(text: str) -> bool:
-    """Whether `text`, features or not, is a canonical name of own code, by file or by package."""
+def is_custom(text: str) -> bool:
+    """Whether `text`, features or not, is a canonical name of custom code, by file or by package."""
     return by_file(text) or _PACKAGE.fullmatch(text.partition(":")[0]) is not None
 
 

@@ -1,4 +1,4 @@
-"""Stand-ins for own tasks and agents whose code is not loaded, so that what they left can still be read.
+"""Stand-ins for custom tasks and agents whose code is not loaded, so that what they left can still be read.
 
 What is known of them comes from the sweep's own notes (`remember`); nothing of them can be run.
 """
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     pass
 
 _NOTES: dict[str, Mapping[str, Any]] = {}
-"""What is known of own code, by canonical name."""
+"""What is known of custom code, by canonical name."""
 
 
 def remember(notes: Mapping[str, Mapping[str, Any]]) -> None:

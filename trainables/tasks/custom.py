@@ -52,4 +52,4 @@ def _family(name: str, thing: Any) -> TaskFamily:
             f"{names.short(name)} is not a task (it is {names.described(thing)}): make one with deltatune.task"
         )
     targets = tuple(f"{name}:{target}" for target in thing.targets)
-    return _FAMILIES.setdefault(name, replace(thing, name=name, targets=targets, origin="own"))
+    return _FAMILIES.setdefault(name, replace(thing, name=name, targets=targets, origin="custom"))

@@ -47,7 +47,7 @@ def parse_task(text: str) -> Task:
     range, and a feature that is given twice. A task whose file or package is not there can be read, not built.
     """
     text = text.strip()
-    return _task(text, *custom.family(text)) if names.own(text) else _known(text)
+    return _task(text, *custom.family(text)) if names.is_custom(text) else _known(text)
 
 
 @functools.lru_cache(maxsize=1024)

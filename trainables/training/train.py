@@ -48,7 +48,7 @@ class Training(Iterator[EvalPoint]):
 
     @property
     def resumable(self) -> bool:
-        """Whether `state` and `restore` work: those of an own learner that lacks them do not."""
+        """Whether `state` and `restore` work: those of a custom learner that lacks them do not."""
         return isinstance(self._learner, Resumable)
 
     def state(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Commands for a task of one's own: is it sound, and a search space to start from."""
+"""Commands for a custom task: is it sound, and a search space to start from."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def init(
 
 def _cost(file: Path) -> tuple[float, float]:
     """Return the seconds, from and to, that a sweep of a search space would take on this machine."""
-    from orchestrator.cluster.resources import own_cpus
+    from orchestrator.cluster.resources import local_cpus
     from orchestrator.execution.forecast import forecast
     from orchestrator.execution.settings import Settings
     from orchestrator.results.sweep_folder import Results
@@ -102,4 +102,4 @@ def _cost(file: Path) -> tuple[float, float]:
 
     with out.status("measuring"):
         space = load(str(file))
-        return forecast(space, Settings(), Results(RESULTS / space.name), own_cpus()).wall
+        return forecast(space, Settings(), Results(RESULTS / space.name), local_cpus()).wall

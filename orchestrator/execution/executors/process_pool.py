@@ -16,7 +16,7 @@ from typing import Any
 
 from rich.console import Console
 
-from orchestrator.cluster.resources import own_cpus
+from orchestrator.cluster.resources import local_cpus
 from orchestrator.execution.executors.executor import Workplace
 from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.interrupt import Interrupt
@@ -37,7 +37,7 @@ class ProcessPoolExecutor:
 
     def __init__(self, settings: Settings) -> None:
         self._processes: list[_Process] = []
-        self._workers = settings.workers or own_cpus()
+        self._workers = settings.workers or local_cpus()
         self._checkpoints: Path | None = None
 
     def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:

@@ -31,7 +31,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete
 
-from trainables.own import feature, task
+from trainables.custom import feature, task
 
 
 class Env(gymnasium.Env):

@@ -362,7 +362,7 @@ def tiny_module(inputs: int, actions: int) -> torch.nn.Module:
 
 
 @pytest.mark.parametrize("agent", ["dqn", "delta_es"])
-def test_a_module_of_the_users_own_trains_and_resumes(agent: str, tmp_path: Path) -> None:
+def test_a_custom_module_trains_and_resumes(agent: str, tmp_path: Path) -> None:
     module = f"{__name__}:tiny_module"
     origin = train(Cell.create("dqn", "cartpole", 0, SMALL | {"module": module}))
     list(origin)
@@ -394,7 +394,7 @@ def random_module(inputs: int, actions: int) -> torch.nn.Module:
     return module
 
 
-def test_what_a_module_of_the_users_own_draws_comes_from_the_cells_stream() -> None:
+def test_what_a_custom_module_draws_comes_from_the_cells_stream() -> None:
     digests = []
     for _ in range(2):
         torch.randn(1)

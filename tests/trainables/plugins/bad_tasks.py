@@ -1,12 +1,12 @@
-"""Own tasks that each break one promise, and one that keeps them all."""
+"""Custom tasks that each break one promise, and one that keeps them all."""
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Discrete, MultiDiscrete, Sequence
 
 from trainables.agents.hyperparameters import QLearning
+from trainables.custom import agent, feature, task
 from trainables.learners.step_learner import StepLearner
-from trainables.own import agent, feature, task
 
 
 class Walk(gymnasium.Env):

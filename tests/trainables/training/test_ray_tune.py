@@ -25,7 +25,7 @@ def fit(run: object, config: dict[str, object], folder: Path) -> tune.ResultGrid
     ).fit()
 
 
-def test_a_registered_pair_runs_by_its_name_in_a_tuner_of_ones_own(ray_session: None, tmp_path: Path) -> None:
+def test_a_registered_pair_runs_by_its_name_in_a_plain_tuner(ray_session: None, tmp_path: Path) -> None:
     names = register_all()
     assert f"delta_gate/{REVERSED}" in names
     assert "dqn/cartpole:gravity=5x" in names

@@ -59,7 +59,7 @@ DELTA_GATE = Agent(
     algorithm=1,
     look="vermilion",
     plots=(GATE_OPEN, MAX_DELTA),
-    own_scale=(),
+    no_task_default=(),
 )
 
 CONFIDENCE_GATE = Agent(

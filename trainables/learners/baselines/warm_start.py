@@ -26,7 +26,7 @@ class WarmStart(Advice):
         vector = self.source.vector()
         if self.settings.last_layer == "fresh":
             if not ours:
-                raise InputError("last_layer 'fresh' is for the built-in perceptron, not for a module of one's own")
+                raise InputError("last_layer 'fresh' is for the built-in perceptron, not for a custom module")
             fresh = (ours[-2] + 1) * ours[-1]
             vector[-fresh:] = run.q.vector()[-fresh:]
         for network in (run.q, run.target):

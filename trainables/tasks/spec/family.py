@@ -88,7 +88,7 @@ class TaskFamily:
     """Raises InputError where values that are each allowed do not go together."""
     plain: Callable[[], gymnasium.Env] | None = None
     """The environment as it is without deltatune, which the task at its defaults must equal bit for bit."""
-    origin: Literal["built-in", "own", "missing"] = "built-in"
+    origin: Literal["built-in", "custom", "missing"] = "built-in"
     """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
 
     def feature(self, name: str) -> ContextFeature:

@@ -1,4 +1,4 @@
-"""Watching an own environment at work: what it must keep to, said in one sentence with the line of its code."""
+"""Watching a custom environment at work: what it must keep to, said in one sentence with the line of its code."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete
 from gymnasium.wrappers import TimeLimit
 
-from trainables.plugins.loader import OwnCodeError, is_own
+from trainables.plugins.loader import CustomCodeError, is_custom
 from trainables.plugins.names import short
 from trainables.tasks.wrappers.unwrap import unwrap
 
@@ -57,29 +57,29 @@ class Guard(gymnasium.Wrapper[Any, Any, Any, Any]):
             self._refuse(method, "the observation holds a NaN or an infinity")
 
     def _refuse(self, method: str, why: str) -> None:
-        raise OwnCodeError(f"{self._name}: {why}{place(self.env, method)}")
+        raise CustomCodeError(f"{self._name}: {why}{place(self.env, method)}")
 
 
 def guarded(env: gymnasium.Env[Any, Any], name: str) -> gymnasium.Env[Any, Any]:
-    """The environment behind a Guard. Raises OwnCodeError for spaces that no agent can learn, and for no time limit."""
+    """Return the environment behind a Guard. Raises CustomCodeError for unsupported spaces and for no time limit."""
     if not isinstance(env, gymnasium.Env):
-        raise OwnCodeError(f"{short(name)}: its factory returned {env!r}, not a gymnasium.Env")
+        raise CustomCodeError(f"{short(name)}: its factory returned {env!r}, not a gymnasium.Env")
     name, where = short(name), place(env, "__init__")
     if isinstance(env.action_space, Box):
-        raise OwnCodeError(f"{name}: its actions are continuous ({env.action_space}): declare levels=3, say{where}")
+        raise CustomCodeError(f"{name}: its actions are continuous ({env.action_space}): declare levels=3, say{where}")
     if not isinstance(env.action_space, Discrete):
-        raise OwnCodeError(f"{name}: only Discrete and Box actions can be learned, not {env.action_space}{where}")
+        raise CustomCodeError(f"{name}: only Discrete and Box actions can be learned, not {env.action_space}{where}")
     try:
         size = gymnasium.spaces.flatdim(env.observation_space)
     except (NotImplementedError, ValueError):
         size = 0
     if not size:
-        raise OwnCodeError(
+        raise CustomCodeError(
             f"{name}: its observations are not vectors of a fixed length ({env.observation_space}){where}"
         )
     limits = [int(layer._max_episode_steps) for layer in layers(env) if isinstance(layer, TimeLimit)]
     if not limits:
-        raise OwnCodeError(f"{name}: its episodes have no time limit: declare limit=200, say{where}")
+        raise CustomCodeError(f"{name}: its episodes have no time limit: declare limit=200, say{where}")
     return TimeLimit(Guard(unwrap(env)[0], name), min(limits))
 
 
@@ -92,9 +92,9 @@ def layers(env: gymnasium.Env[Any, Any]) -> Iterator[gymnasium.Env[Any, Any]]:
 
 
 def place(env: gymnasium.Env[Any, Any], method: str) -> str:
-    """' (FILE:LINE)' of a method of own code; empty where the environment is not."""
+    """' (FILE:LINE)' of a method of custom code; empty where the environment is not."""
     for layer in layers(env):
         code = getattr(inspect.unwrap(getattr(type(layer), method)), "__code__", None)
-        if code is not None and is_own(code.co_filename):
+        if code is not None and is_custom(code.co_filename):
             return f" ({Path(code.co_filename).name}:{code.co_firstlineno})"
     return ""

@@ -1,4 +1,4 @@
-"""Own files: what a cell's name says of them, when they run and when they never do, and how they reach a worker."""
+"""Custom files: what a cell's name says of them, when they run and when they never do, and how they reach a worker."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from trainables.cell import Cell
+from trainables.custom import load
 from trainables.errors import InputError
-from trainables.own import load
 from trainables.plugins import loader
 from trainables.tasks.env_checker import rollout
 from trainables.tasks.make import make_env

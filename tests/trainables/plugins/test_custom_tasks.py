@@ -1,4 +1,4 @@
-"""Own tasks and agents at work: features, exact models, packages, and each way in which own code can be wrong."""
+"""Custom tasks and agents at work: features, exact models, packages, and each way in which custom code can be wrong."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from scipy.sparse import csr_array
 from trainables.agents.hyperparameters import QLearning
 from trainables.agents.registry import agent_named, agents
 from trainables.cell import Cell, Source
+from trainables.custom import agent, feature, load, tabular_task, task
 from trainables.delta.exact import exact_q
 from trainables.errors import InputError
 from trainables.learners.step_learner import StepLearner
-from trainables.own import agent, feature, load, tabular_task, task
 from trainables.plugins import entry_points
 from trainables.tasks.env_checker import check, rollout
 from trainables.tasks.make import make_env
@@ -46,7 +46,7 @@ CHAIN = """
 import sys
 sys.path.insert(0, {here!r})
 from test_own_tasks import chain
-from trainables.own import feature, tabular_task
+from trainables.custom import feature, tabular_task
 Task = tabular_task(chain, feature("slip", 0.1, 0, 0.9), episodes=200, targets=("slip=0.5",))
 """
 
@@ -78,7 +78,7 @@ def test_features_reach_the_environment_by_name_and_the_limit_truncates() -> Non
 
 def test_a_time_limit_inside_other_wrappers_is_one(tmp_path: Path) -> None:
     (tmp_path / "wrapped.py").write_text(
-        "import gymnasium\nfrom trainables.own import task\n\n\ndef build():\n"
+        "import gymnasium\nfrom trainables.custom import task\n\n\ndef build():\n"
         "    return gymnasium.wrappers.FlattenObservation(gymnasium.make('CartPole-v1', max_episode_steps=3))\n\n\n"
         "Task = task(build)\n"
     )
@@ -87,7 +87,7 @@ def test_a_time_limit_inside_other_wrappers_is_one(tmp_path: Path) -> None:
     assert [env.step(0)[3] for _ in range(3)] == [False, False, True]
 
 
-def test_continuous_actions_of_an_own_task_are_cut_into_levels() -> None:
+def test_continuous_actions_of_a_custom_task_are_cut_into_levels() -> None:
     task = parse_task(load(f"{HERE / 'bad_tasks.py'}:Cut:levels=5"))
     assert make_env(task).action_space == gymnasium.spaces.Discrete(5)
 
@@ -112,7 +112,7 @@ def test_features_that_do_not_fit_are_refused_when_the_task_is_made(
         feature("wind", 3, 0, 1)
 
 
-# --- own code that is wrong -------------------------------------------------------------------------------------
+# --- custom code that is wrong -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_the_step_learner_is_q_learning(chain_task: str) -> None:
 def test_a_deep_agent_may_derive_from_ours(tmp_path: Path) -> None:
     (tmp_path / "deep.py").write_text(
         "from trainables.learners.dqn import DeepLearner\nfrom trainables.agents.hyperparameters import DQN\n"
-        "from trainables.own import agent\n\n\nclass Mine(DeepLearner):\n    '''Mine.'''\n\n\n"
+        "from trainables.custom import agent\n\n\nclass Mine(DeepLearner):\n    '''Mine.'''\n\n\n"
         "Agent = agent(Mine, DQN, kind='deep')\n"
     )
     name = load(f"{tmp_path / 'deep.py'}:Agent")
@@ -247,7 +247,7 @@ def test_an_agent_that_is_none_is_refused(learner: type, settings: Any, says: st
 def test_an_agents_name_says_where_it_is_from_and_bad_ones_are_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "from trainables.agents.hyperparameters import QLearning, Transfer\n"
-        "from trainables.learners.step_learner import StepLearner\nfrom trainables.own import agent\n"
+        "from trainables.learners.step_learner import StepLearner\nfrom trainables.custom import agent\n"
         "Plain = agent(StepLearner, QLearning)\nMore = agent(StepLearner, Transfer, base='mine.py:Plain')\nThree = 3\n"
     )
     more = load(f"{tmp_path / 'mine.py'}:More")

@@ -1,4 +1,4 @@
-"""Own tasks and agents in a sweep, from the command line: the examples of the documents, and code that is wrong."""
+"""Custom tasks and agents in a sweep, from the command line: the examples of the documents, and code that is wrong."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from search_spaces import narrow
 from search_spaces.loading import load
 from search_spaces.search_space import SearchSpace
 from search_spaces.template import starter
+from trainables.custom import load as load_name
 from trainables.errors import InputError
-from trainables.own import load as load_name
 from trainables.plugins import loader
 from trainables.training.throughput import measure
 
@@ -65,7 +65,7 @@ def test_every_example_is_complete_and_short() -> None:
     }
 
 
-def test_an_own_task_is_swept_resumed_forecast_and_replayed(home: Path) -> None:
+def test_a_custom_task_is_swept_resumed_forecast_and_replayed(home: Path) -> None:
     source = {"task": "tank.py:Task", "agent": "dqn"}
     asked = space(home, source, ["tank.py:Task:leak=1.5x"], {"dqn": {}, "es": {}}, hyperparameters=SHORT)
     ahead = forecast(asked, Settings(), Results(home / "results" / "own"), workers=2)
@@ -86,7 +86,7 @@ def test_an_own_task_is_swept_resumed_forecast_and_replayed(home: Path) -> None:
     assert [(stage.cells, stage.done) for stage in edited.stages] == [(1, 0), (2, 0)]
 
 
-def test_results_of_own_code_are_read_the_same_where_it_is_not(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_of_custom_code_are_read_the_same_where_it_is_not(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = space(
         home,
         {"task": "windy_gridworld", "kinds": ["exact"]},
@@ -116,7 +116,7 @@ def test_results_of_own_code_are_read_the_same_where_it_is_not(home: Path, monke
     assert replay(home / "results", cell.id).agrees
 
 
-def test_own_code_that_is_wrong_fails_its_cells_and_no_others(home: Path) -> None:
+def test_custom_code_that_is_wrong_fails_its_cells_and_no_others(home: Path) -> None:
     names = ["Reset", "Shape", "Nan", "Multi", "Words"]
     targets = ["bad_tasks.py:Good:wind=0.1", *(f"bad_tasks.py:{name}" for name in names)]
     asked = space(home, {"task": "bad_tasks.py:Good", "agent": "dqn"}, targets, {"dqn": {}}, hyperparameters=SHORT)
