@@ -1,6 +1,6 @@
-"""The face of deltatune, which asks whether knowledge from one task helps or hurts on another.
+"""deltatune: sweeps that measure whether knowledge from one task helps or hurts on another.
 
-Everything that documents and examples use is here, and is imported when it is asked for:
+This module offers the whole public interface; each name is imported when it is first used:
 
     import deltatune
 
@@ -69,7 +69,7 @@ _PLACES = {
     "trainables.training.ray_tune": ("trainable",),
     "trainables.training.train": ("train",),
 }
-"""Module to what is taken from it, 'NAME' or 'NAME:NAME THERE'."""
+"""Module to the names that it provides; 'PUBLIC:ORIGINAL' where the two differ."""
 
 _HOME = {
     name.partition(":")[0]: (module, name.partition(":")[2] or name)
@@ -118,7 +118,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return a name of the interface, imported now; `__version__` is that of the installed distribution."""
+    """Import and return a name of the public interface; `__version__` is the installed distribution's."""
     if name == "__version__":
         from orchestrator.results.provenance import versions
 

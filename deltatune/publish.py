@@ -1,4 +1,4 @@
-"""After the cells: tables, figures, the report, best.yaml and MLflow, all drawn from the records."""
+"""What a sweep writes at its end: tables, best.yaml, figures and the report, all from its records."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ log = logging.getLogger("deltatune.publish")
 
 @dataclass(frozen=True)
 class Published:
-    """What a sweep's results came to."""
+    """What a sweep has published."""
 
     findings: Findings
     report: Path | None
@@ -31,14 +31,14 @@ class Published:
     best: Path | None
     """None where no configuration has all its seeds."""
     missing: list[str]
-    """What could not be drawn and why, in sentences. The results are whole without it."""
+    """What could not be drawn and why, in sentences. Tables and records are complete without it."""
 
 
 def publish(results: Results) -> Published:
-    """Write a sweep's tables (table.csv is the one for people: a row per configuration; configurations.csv has the
-    same as numbers in full), best.yaml, report, figures.
+    """Write a sweep's tables, best.yaml, figures and report.
 
-    What others go on with is first; a picture that cannot be drawn costs nothing but itself.
+    table.csv has a row of text per configuration, configurations.csv the same as numbers in full precision. Tables and
+    best.yaml come first; a figure that cannot be drawn affects no other file.
     """
     findings = find(results, results.write_tables())
     table = pd.DataFrame([row(group) for group in findings.groups], columns=list(COLUMNS))
@@ -62,13 +62,13 @@ def publish(results: Results) -> Published:
 
 
 def load() -> None:
-    """Import what `publish` imports where it needs it, which takes seconds the first time."""
+    """Import the modules that `publish` needs, which takes seconds the first time."""
     for module in ("dashboards.renderers.matplotlib_renderer", "dashboards.report.sections"):
         import_module(module)
 
 
 def artifacts(results: Results) -> list[Path]:
-    """The files of a sweep that belong into MLflow."""
+    """Return the files of a sweep that MLflow keeps as artifacts."""
     names = ("report.html", "table.csv", "configurations.csv", "cells.parquet", "points.parquet", "best.yaml")
     files = [results.folder / name for name in names] + sorted((results.folder / "figures").glob("*"))
     return [path for path in files if path.is_file()]

@@ -1,4 +1,4 @@
-"""A sweep from Python."""
+"""Running a sweep from Python."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def sweep(
     tracking_uri: str | None = None,
     progress: bool = True,
 ) -> SweepResults:
-    """Run a sweep as `deltatune sweep` does, and return its results; what is done already is not run again.
+    """Run a sweep as `deltatune sweep` does, and return its results; finished cells do not run again.
 
     space: a built-in search space's name, a YAML file, a mapping of the same keys, or a SearchSpace. The other
     arguments are the command's options: name and storage say where the results are, tasks, agents, seeds and
-    hyperparameters narrow the space, workers, address and local say where cells run. progress: show it.
-    Raises InputError for bad input, before any work; SweepError for a sweep that stopped, whose ended cells are kept.
+    hyperparameters narrow the space, workers, address and local say where cells run. progress: whether to show it.
+    Raises InputError for bad input, before any work; SweepError for one that stopped (finished cells are kept).
     """
     folder = storage_path(storage or default_storage())
     chosen = narrow(_space(space), tasks=tasks, agents=agents, seeds=seeds, hyperparameters=dict(hyperparameters or {}))
@@ -56,14 +56,14 @@ def sweep(
     name = chosen.name if name is None else name
     with SweepSession.open(folder, name, chosen, tracking_uri=uri, console=console) as session:
         if session.run(settings, meanwhile=load_renderers).left:
-            raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to go on")
+            raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to continue")
         published = publish(session.results)
         session.finish(published.findings, artifacts(session.results))
     return SweepResults(session.results)
 
 
 def _space(space: str | Path | Mapping[str, Any] | SearchSpace) -> SearchSpace:
-    """Return the search space that is meant."""
+    """Return `space` as a SearchSpace. Raises InputError for what is none."""
     if isinstance(space, SearchSpace):
         return space
     if isinstance(space, Mapping):

@@ -29,10 +29,10 @@ def load(name: str, storage: str | Path | None = None) -> SweepResults:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure that a notebook shows."""
+    """A figure that a notebook displays."""
 
     figure: Any
-    """matplotlib's, which can be changed, and saved with `savefig`."""
+    """A matplotlib Figure, which can be changed, and saved with `savefig`."""
 
     def _repr_png_(self) -> bytes:
         data = io.BytesIO()
@@ -58,7 +58,7 @@ class SweepResults:
 
     @cached_property
     def findings(self) -> Findings:
-        """Its tables, groups and selection, as figures and exports take them."""
+        """Its tables, groups and selection, from which figures and exports are made."""
         return find(self.files)
 
     @property
@@ -78,7 +78,7 @@ class SweepResults:
 
     @property
     def best(self) -> pd.DataFrame:
-        """The rows of `table` that are the best configuration of their task, agent and source."""
+        """The rows of `table` with the best configuration of each task, agent and source."""
         return _frame(self.findings.best)
 
     def curves(self) -> pd.DataFrame:
@@ -92,7 +92,7 @@ class SweepResults:
         return pd.concat(frames, ignore_index=True)[columns] if frames else pd.DataFrame(columns=columns)
 
     def figures(self) -> dict[str, Picture]:
-        """Return the report's figures by name; a notebook shows each."""
+        """Return the report's figures by name; a notebook displays each."""
         from dashboards.renderers.matplotlib_renderer import drawing
         from dashboards.report.sections import figures
 
@@ -106,5 +106,5 @@ class SweepResults:
 
 
 def _frame(groups: Sequence[Group]) -> pd.DataFrame:
-    """Return groups as a table of numbers; `hyperparameters` is JSON, `group` is that of the cells."""
+    """Return groups as a table of numbers; `hyperparameters` is JSON text, `group` the group id of the cells."""
     return pd.DataFrame([numbers(group) | {"group": group.id} for group in groups])

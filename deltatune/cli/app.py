@@ -31,7 +31,7 @@ ORDER = (
 
 
 class Commands(TyperGroup):
-    """The commands in the order of ORDER; their flags take no value, so the help shows no type of one."""
+    """Lists the commands in the order of ORDER, and shows no value type for flags in the help."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands in order."""
@@ -63,13 +63,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Does knowledge from this task help or hurt on that one?\n\n"
     "Sweeps of transfer agents, with delta as the gatekeeper of transfer. Start with `deltatune sweep demo`, "
-    "then look at it with `deltatune ui`.",
+    "then open its results with `deltatune ui`.",
 )
 
 RUN_PANEL, RESULT_PANEL, CATALOGUE_PANEL, CUSTOM_PANEL, CLUSTER_PANEL = (
     "Run and follow sweeps",
     "Look at results",
-    "What there is",
+    "Tasks, agents, search spaces and sources",
     "Custom tasks and agents",
     "Clusters",
 )
@@ -80,7 +80,7 @@ PACKAGES = ("deltatune", "dashboards", "orchestrator", "search_spaces", "trainab
 
 
 def _console(stderr: bool) -> Console:
-    """A console that does not fold its lines at 80 columns where it is not a terminal."""
+    """Return a console; where its stream is no terminal, lines may be 160 columns wide."""
     stream = sys.stderr if stderr else sys.stdout
     terminal = stream is not None and stream.isatty()  # None: it is closed
     return Console(stderr=stderr, highlight=False, markup=False, width=None if terminal else 160)
@@ -129,7 +129,7 @@ def options(
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version and its commit.")
     ] = False,
 ) -> None:
-    """Take in the options that stand before a command."""
+    """Apply the options that stand before a command."""
     context.obj = {"quiet": quiet}
     if verbose:
         handler = logging.StreamHandler()
@@ -141,14 +141,14 @@ def options(
 
 
 def progress_console(context: typer.Context, as_json: bool) -> Console:
-    """Return where a command shows its progress: nowhere with --quiet, on standard error with --json."""
+    """Return the console for progress: a silent one with --quiet, standard error with --json."""
     if (context.obj or {}).get("quiet"):
         return Console(quiet=True)
     return err if as_json else out
 
 
 def program() -> str:
-    """How this program was called, for the commands that it proposes: `deltatune`, or the path to it."""
+    """Return how this program was called, `deltatune` or a path, for the commands that messages suggest."""
     called = sys.argv[0]
     found = shutil.which(Path(called).name)
     if found is not None and Path(found).resolve() == Path(called).resolve():
@@ -158,18 +158,18 @@ def program() -> str:
     return os.path.relpath(called) if Path(called).name == "deltatune" else "deltatune"
 
 
-def told_damage(results: Results) -> Results:
-    """Say on standard error what of a sweep's records is damaged, before anything is drawn from the others."""
+def warn_of_damage(results: Results) -> Results:
+    """Return `results`, after a warning on standard error for each damaged part of its records."""
     from orchestrator.results.lock import driver
 
     for damage in results.damage(running=driver(results.folder) is not None):
-        text = f"warning: {damage}: their cells are missing here; the sweep's own command runs them again"
+        text = f"warning: {damage}: their cells are missing here; run the same sweep again to repeat them"
         err.print(text, soft_wrap=True, style="yellow")
     return results
 
 
 def print_named(name: str, text: str, style: str = "bold") -> None:
-    """Print 'name: text' with the name set off. Nothing in either is taken for markup."""
+    """Print 'name: text' with the name in `style`. Neither is read as markup."""
     out.print(Text.assemble((name, style), ": ", text), soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""What `deltatune sweep --dry-run` says."""
+"""The output of `deltatune sweep --dry-run`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trainables.plugins.names import short
 
 
 def say_forecast(space: SearchSpace, settings: Settings, results: Results, as_json: bool) -> None:
-    """Say what a sweep with these settings would do and cost. Nothing is written."""
+    """Print what a sweep with these settings would run and cost. Writes nothing."""
     with err.status("measuring"):
         found = forecast(space, settings, results, settings.workers or local_cpus())
     low, high = found.wall
@@ -24,12 +24,12 @@ def say_forecast(space: SearchSpace, settings: Settings, results: Results, as_js
         print_json(asdict(found) | {"seconds": [low, high]})
         return
     stages = [(s.stage, str(s.cells), str(s.done), span(s.low, s.high) if s.high else "-") for s in found.stages]
-    out.print(table(("stage", "cells", "done already", "the rest, on one core"), stages))
+    out.print(table(("stage", "cells", "already done", "the rest, on one core"), stages))
     if found.costs:
         costs = [(short(c.task), short(c.agent), span(c.low, c.high), c.origin) for c in found.costs]
-        out.print(table(("task", "agent", "an episode", "known from"), costs))
+        out.print(table(("task", "agent", "an episode", "estimated from"), costs))
     for why in found.unknown:
-        print_named("Cost not known", why, "yellow")
+        print_named("Unknown cost", why, "yellow")
     ends = f"{duration(found.start + found.publish)} of it to start and to publish"
     text = f"about {span(low, high)} on {found.workers} workers, {ends}" if found.start else "nothing is left to run"
-    out.print(f"All in all: {text}. Nothing was written.", soft_wrap=True)
+    out.print(f"In total: {text}. Nothing was written.", soft_wrap=True)

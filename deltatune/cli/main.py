@@ -26,7 +26,7 @@ __all__ = [
 
 
 def main() -> None:
-    """Entry point: bad input is one sentence and exit code 2, never a traceback; output that fails stops no work."""
+    """Run the command line. Bad input is one sentence and exit code 2; a failing output stream stops no work."""
     streams = Streams()
     try:
         code = _run()
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def _run() -> int:
-    """Run the command; its exit code."""
+    """Run the command and return its exit code."""
     from orchestrator.errors import exit_code, sentence
 
     try:
@@ -48,9 +48,9 @@ def _run() -> int:
     except typer.Abort:
         typer.echo("aborted", err=True)
         return 1
-    except TyperException as error:  # an option that there is not, a value that it does not take
-        if said := _usage(error):  # empty: no words were given, and the help was printed
-            typer.echo(f"error: {sentence(InputError(said))}", err=True)
+    except TyperException as error:  # an unknown option, or a value that it does not take
+        if message := _usage(error):  # empty: there were no arguments, and the help was printed
+            typer.echo(f"error: {sentence(InputError(message))}", err=True)
         return error.exit_code
     except Exception as error:
         code = exit_code(error)
@@ -61,7 +61,7 @@ def _run() -> int:
 
 
 def _usage(error: TyperException) -> str:
-    """Return what is wrong with a command line: the option or argument, what it may be, and what it was."""
+    """Return what is wrong with a command line: the option or argument, what is allowed, and what was given."""
     from pydantic import ValidationError
 
     parameter = getattr(error, "param", None)

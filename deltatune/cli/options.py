@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-MOST_WORKERS = 10_000
-LONGEST_TIME = 31_536_000.0
-"""Seconds of a year."""
-MOST_CPUS, MOST_GIB = 10_000.0, 1_000_000.0
+MAX_WORKERS = 10_000
+MAX_SECONDS = 31_536_000.0
+"""A year."""
+MAX_CPUS, MAX_GIB = 10_000.0, 1_000_000.0
 
 WHAT, HOW, CELL, RECORD = "What to run", "Where and how it runs", "What a cell gets", "Where results go"
 """Groups in the help."""
@@ -62,7 +62,7 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Only say what it would 
 Workers = Annotated[
     int | None,
     typer.Option(
-        min=1, max=MOST_WORKERS, metavar="N", help="Run N cells at a time; default: one per CPU.", rich_help_panel=HOW
+        min=1, max=MAX_WORKERS, metavar="N", help="Run N cells at a time; default: one per CPU.", rich_help_panel=HOW
     ),
 ]
 Address = Annotated[
@@ -78,7 +78,7 @@ CheckpointEvery = Annotated[
     float,
     typer.Option(
         min=0,
-        max=LONGEST_TIME,
+        max=MAX_SECONDS,
         metavar="SECONDS",
         help="Time between checkpoints of a long cell.",
         rich_help_panel=HOW,
@@ -90,7 +90,7 @@ TimeLimit = Annotated[
     float | None,
     typer.Option(
         min=0.1,
-        max=LONGEST_TIME,
+        max=MAX_SECONDS,
         metavar="SECONDS",
         help="Time after which a cell fails.",
         rich_help_panel=CELL,
@@ -100,7 +100,7 @@ Cpus = Annotated[
     float,
     typer.Option(
         min=0.01,
-        max=MOST_CPUS,
+        max=MAX_CPUS,
         metavar="N",
         help="CPUs of a cell; a fraction shares one.",
         rich_help_panel=CELL,
@@ -110,7 +110,7 @@ Gpus = Annotated[
     float,
     typer.Option(
         min=0,
-        max=MOST_CPUS,
+        max=MAX_CPUS,
         metavar="N",
         help="GPUs of a cell; a fraction shares one.",
         rich_help_panel=CELL,
@@ -120,7 +120,7 @@ Memory = Annotated[
     float,
     typer.Option(
         min=0,
-        max=MOST_GIB,
+        max=MAX_GIB,
         metavar="GIB",
         help="Memory reserved for a cell, in GiB.",
         rich_help_panel=CELL,

@@ -1,4 +1,4 @@
-"""Tables for a terminal, which become cards where it is too narrow for them."""
+"""Tables for a terminal, printed as one card per row where it is too narrow."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-PROSE = 16
-"""Columns that running text needs at least; a cell without a space is never broken."""
+MIN_PROSE = 16
+"""Least width of a column of running text, in characters; a word is never broken."""
 
 GAP = 2
-"""Columns between two columns of a table."""
+"""Characters between two columns of a table."""
 
 
 @dataclass
 class Sheet:
-    """Rows under columns: a table where it fits, else a card for each row. An empty first cell is the one above."""
+    """Rows under columns: a table where it fits, else a card per row. An empty first cell repeats the one above."""
 
     columns: tuple[str, ...]
     title: str | None = None
@@ -40,7 +40,7 @@ class Sheet:
             yield Padding(self._card(rest), (0, 0, 0, 2))
 
     def _card(self, cells: Sequence[tuple[str, Text]]) -> Text:
-        """Return a row but its first cell as one paragraph; what says nothing is left out."""
+        """Return all cells of a row but the first as one paragraph, without the empty ones."""
         said = [(name, cell) for name, cell in cells if cell.plain not in ("", "-")]
         parts = [Text.assemble((f"{name} " if name else "", "dim"), cell) for name, cell in said]
         return Text(" · ").join(parts)
@@ -54,15 +54,15 @@ class Sheet:
         return result
 
     def _least(self, at: int) -> int:
-        """Return the width that a column needs: its longest word, more where it holds running text."""
+        """Return a column's least width: its longest word, at least MIN_PROSE for running text."""
         texts = [self.columns[at], *(row[at].plain for row in self.rows)]
         if at == 0:
             return max(len(text) for text in texts)
         longest = max((len(word) for text in texts for word in text.split()), default=0)
-        return max(longest, min(PROSE, max(len(text) for text in texts)))
+        return max(longest, min(MIN_PROSE, max(len(text) for text in texts)))
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], title: str | None = None) -> Sheet:
-    """Return rows as a table, or as cards in a narrow terminal. Nothing in a text is taken for markup."""
+    """Return rows as a table, or as cards in a narrow terminal. No text is read as markup."""
     cells = [tuple(Text(cell) if isinstance(cell, str) else cell for cell in row) for row in rows]
     return Sheet(tuple(columns), title, cells)

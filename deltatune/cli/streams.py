@@ -1,6 +1,6 @@
-"""Standard output and error that may be closed, full or left by their reader: a command does its work all the same.
+"""Standard output and error that tolerate being closed, full, or without a reader.
 
-What cannot be written is dropped, the work goes on to its end, and then one sentence on standard error says so.
+What cannot be written is dropped, the command finishes its work, and one sentence on standard error says so.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TextIO
 
 
 class _Lenient(io.RawIOBase):
-    """The bytes of a file descriptor; the first error is noted, and what comes after it dropped."""
+    """A raw stream on a file descriptor that keeps its first error and drops whatever is written after it."""
 
     def __init__(self, descriptor: int, error: OSError | None) -> None:
         self._descriptor, self.error = descriptor, error
@@ -28,7 +28,7 @@ class _Lenient(io.RawIOBase):
         return self.error is None and os.isatty(self._descriptor)
 
     def write(self, data: object, /) -> int:
-        """Write as much as the system takes; all, where it takes nothing any more."""
+        """Return the number of bytes written; after an error, pretend that all were."""
         view = memoryview(data)  # type: ignore[arg-type]
         if self.error is None:
             try:
@@ -39,18 +39,18 @@ class _Lenient(io.RawIOBase):
 
 
 class Streams:
-    """Standard output and error of this process, made lenient as long as this is in force."""
+    """Replaces standard output and error of this process by tolerant streams."""
 
     def __init__(self) -> None:
         closed = [_opened(descriptor) for descriptor in (0, 1, 2)]
         self._raw = {name: _Lenient(number, closed[number]) for name, number in (("stdout", 1), ("stderr", 2))}
         for name, raw in self._raw.items():
             before: TextIO | None = getattr(sys, name)
-            if before is None or before is getattr(sys, f"__{name}__"):  # else somebody else's, a test's say
+            if before is None or before is getattr(sys, f"__{name}__"):  # else another's, such as a test's
                 setattr(sys, name, _text(raw, before))
 
     def failure(self) -> str | None:
-        """Return why standard output has not got everything, in a sentence; None where it has, or its reader left."""
+        """Return a sentence on why standard output is incomplete, or None; a reader that left is no failure."""
         for name in self._raw:
             stream: TextIO | None = getattr(sys, name)
             if stream is not None:
@@ -58,11 +58,11 @@ class Streams:
         error = self._raw["stdout"].error
         if error is None or error.errno in (errno.EPIPE, errno.EIO):  # `| head`, a terminal that is gone
             return None
-        return f"standard output has not got everything ({error.strerror}); what the command wrote to disk is whole"
+        return f"standard output is incomplete ({error.strerror}); the files that the command wrote are complete"
 
 
 def _opened(descriptor: int) -> OSError | None:
-    """Put the null device where a descriptor is closed, lest the next file that is opened be taken for it."""
+    """Open the null device on a closed descriptor, so that no file opened later gets its number."""
     try:
         os.fstat(descriptor)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What `deltatune sweep` says at its end."""
+"""The output of `deltatune sweep` at its end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from orchestrator.tracking.uri import shown
 
 
 def report(session: SweepSession, tally: RunSummary, as_json: bool) -> None:
-    """Publish a sweep that has ended, and say what came of it and where it is."""
+    """Publish a finished sweep, and print its best configurations and where its files are."""
     started, results, tracker = time.monotonic(), session.results, session.tracker
     console = err if as_json else out
     with console.status("tables, figures and MLflow"):
@@ -41,13 +41,13 @@ def report(session: SweepSession, tally: RunSummary, as_json: bool) -> None:
 
 
 def interrupted(session: SweepSession, tally: RunSummary, as_json: bool) -> NoReturn:
-    """Say what a sweep that was stopped has done, and end with exit code 130."""
+    """Print what an interrupted sweep has done, and exit with code 130."""
     if as_json:
         print_json({"sweep": str(session.results.folder), "tally": asdict(tally), "interrupted": True})
     else:
-        ended = f"{tally.ran} cells run ({tally.failed} failed), {tally.reused} there before"
+        ended = f"{tally.ran} cells run ({tally.failed} failed), {tally.reused} reused"
         out.print(f"{ended}, {tally.left} left; long ones are checkpointed.", soft_wrap=True)
-    err.print("interrupted: the same command goes on from here", soft_wrap=True)
+    err.print("interrupted: the same command continues from here", soft_wrap=True)
     raise typer.Exit(130)
 
 
@@ -82,8 +82,8 @@ def _print_report(
     share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
     stopped = f", {tally.stopped} stopped early" if tally.stopped else ""
     out.print(
-        f"{tally.ran} cells run ({tally.failed} failed{stopped}), {tally.reused} there before; {total:.0f} s, "
-        f"{share:.0f} % of it not training."
+        f"{tally.ran} cells run ({tally.failed} failed{stopped}), {tally.reused} reused; {total:.0f} s, "
+        f"{share:.0f} % of it overhead."
     )
     out.print(f"Results:  {results.folder}", soft_wrap=True)
     if published.report:
@@ -94,8 +94,8 @@ def _print_report(
         out.print(f"Best:     {published.best}", soft_wrap=True)
     if tracker and tracker.error:
         print_named(
-            "MLflow has not got everything" if tracker.kind.has_registry else f"{tracker.uri} has not got everything",
-            f"{tracker.error}. The results are whole; when it is back:",
+            "MLflow is incomplete" if tracker.kind.has_registry else f"{tracker.uri} is incomplete",
+            f"{tracker.error}. The results are complete; once it is reachable again:",
             "yellow",
         )
         where = "" if tracker.kind.has_registry else f" --tracking-uri {tracker.uri}"

@@ -19,7 +19,7 @@ COLOURS = {"helped": "green", "hurt": "red"}
 
 
 def duration(seconds: float) -> str:
-    """'40 ms', '3 s', '12 min', '5.2 h'."""
+    """Return seconds as text: '40 ms', '3 s', '12 min', '5.2 h'."""
     if seconds < 1:
         return f"{1000 * seconds:.0f} ms"
     if seconds < 100:
@@ -28,7 +28,7 @@ def duration(seconds: float) -> str:
 
 
 def span(low: float, high: float) -> str:
-    """'3 to 12 min' of two numbers of seconds; one duration where they read the same."""
+    """Return two numbers of seconds as '3 to 12 min'; as one duration where both read the same."""
     first, last = duration(low), duration(high)
     if first == last:
         return last
@@ -37,9 +37,9 @@ def span(low: float, high: float) -> str:
 
 
 def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | None = None) -> Sheet:
-    """Groups under the columns of the results table, task by task; green where transfer helped, red where it hurt.
+    """Return configurations as rows of the results table by task; green where transfer helped, red where it hurt.
 
-    tried: group id to the number of configurations that it is the best of.
+    tried: group id to the number of configurations of which it is the best.
     """
     from orchestrator.analysis.labels import settings_text, shared
     from orchestrator.analysis.metrics import shown

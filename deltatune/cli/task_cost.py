@@ -1,4 +1,4 @@
-"""What one cell of each usual agent would cost on a task."""
+"""The measured cost of one cell of each usual agent on a task."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class AgentCost:
     """With every episode as long as the time limit allows."""
 
     def row(self) -> tuple[str, str, str]:
-        """A line of a table."""
+        """Return a row of the table that `check` prints."""
         cost = span(self.seconds_low, self.seconds_high)
         return self.agent, f"{self.steps_per_second:,.0f}", f"{self.episodes} episodes: {cost}"
 

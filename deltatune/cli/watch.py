@@ -1,4 +1,4 @@
-"""Following a sweep from outside, by what its driver leaves in the sweep's folder."""
+"""Following a running sweep from another process, by the progress file in its folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from orchestrator.results.sweep_folder import Results
 
 
 def follow(results: Results, console: Console, every: float, as_json: bool = False) -> None:
-    """Show a sweep's progress until no driver is at it any more; then say how far it has come."""
+    """Show a sweep's progress until no driver runs it any more, then a summary."""
     if as_json:
         _follow_json(results, every)
         return
@@ -39,7 +39,7 @@ def follow(results: Results, console: Console, every: float, as_json: bool = Fal
 
 
 def _follow_json(results: Results, every: float) -> None:
-    """Print each snapshot as a line of JSON, and at the end what `status` says."""
+    """Print each snapshot as a line of JSON, and at the end the data of `status`."""
     while driver(results.folder) is not None:
         if (snapshot := progress.read(results.folder)) is not None:
             print(json.dumps(asdict(snapshot)), flush=True)
@@ -52,5 +52,5 @@ def _ended(results: Results) -> str:
     done, failed, stopped, missing = (sum(stage[key] for stage in stages) for key in KEYS)
     counts = f"{done} cells done, {failed} failed" + (f", {stopped} stopped early" if stopped else "")
     if not stages:
-        return f"{results.name} has not begun, and no driver is at it"
-    return f"{results.name}: {counts}" + (f", {missing} missing, and no driver is at it" if missing else "")
+        return f"{results.name} has not begun, and no driver is running it"
+    return f"{results.name}: {counts}" + (f", {missing} missing, and no driver is running it" if missing else "")

@@ -160,7 +160,7 @@ def _signals() -> Iterator[None]:
 
     def stop(number: int, frame: object) -> None:
         restore()
-        raise InterruptedSweepError("interrupted: the same command goes on from here")
+        raise InterruptedSweepError("interrupted: the same command continues from here")
 
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGTERM, signal.SIGHUP):

@@ -29,10 +29,10 @@ def test_a_sweep_that_is_asked_to_stop_ends_gracefully_and_goes_on(
         process.send_signal(number)
         out, err = process.communicate(timeout=120)
     assert process.returncode == 130
-    assert "interrupted: the same command goes on from here" in err
+    assert "interrupted: the same command continues from here" in err
     assert "Traceback" not in out + err
     there = len(Results.open(tmp_path, "small").heads())
-    assert f"{there} cells run (0 failed), 0 there before, " in out
+    assert f"{there} cells run (0 failed), 0 reused, " in out
     _, tally = sweep(tmp_path, **LONGER)
     assert tally.reused == there
     assert_same(tmp_path, calm)

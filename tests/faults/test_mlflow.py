@@ -187,7 +187,7 @@ def test_a_password_opens_the_server_and_is_written_nowhere(
         stranger = Tracker(results, uri)
         assert stranger.finish(find(results), []) is None
     assert process.returncode == 0, err
-    assert "MLflow has not got everything" not in out
+    assert "MLflow is incomplete" not in out
     assert kinds(server, results)["cell"] == len(results.heads()) > 0
     assert "Who are you?" in str(stranger.error)
     said = [out, err, str(stranger.error), *capfd.readouterr()]

@@ -210,7 +210,7 @@ class User:
                 ):  # the last driver, or its lease: the user tries again
                     return "refused"
                 if calm and error is not None:
-                    world.violated(f"MLflow has not got everything: {error}")
+                    world.violated(f"MLflow is incomplete: {error}")
             return "done"
         except Crash:
             if now is not None and now.tracker is not None:

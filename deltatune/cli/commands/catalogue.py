@@ -1,4 +1,4 @@
-"""Commands that show what there is: tasks, agents, search spaces, and the exact figures of a scenario."""
+"""Commands that list tasks, agents and search spaces, and compute the exact delta between two tasks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def tasks(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="[TASK]", help="Show this one, with the values that agents really use on it."),
+        typer.Argument(metavar="[TASK]", help="Show this one, with the hyperparameters that agents use on it."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -43,8 +43,8 @@ def tasks(
             print_json(task_data(task.family) | {"context": context, "used": used})
             return
         _print_task(task_data(task.family))
-        rows = [(agent, *_told(values)) for agent, values in used.items()]
-        out.print(table(("agent", "hyperparameters that this task sets", "its own defaults"), rows))
+        rows = [(agent, *_texts(values)) for agent, values in used.items()]
+        out.print(table(("agent", "hyperparameters that this task sets", "the agent's defaults"), rows))
         return
     data = [task_data(family) for family in all_families()]
     if as_json:
@@ -65,7 +65,7 @@ def _print_task(family: Mapping[str, Any]) -> None:
 
 
 def _used(task: Task) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return, by agent that can learn the task, the hyperparameters that the task sets: value and agent's default."""
+    """Return, for each agent that can learn the task, what the task sets: {hyperparameter: value and default}."""
     from trainables.agents.registry import agents as registered
 
     kind = "tabular" if task.tabular else "deep"
@@ -81,7 +81,7 @@ def _set_by(task: Task, agent: Agent) -> dict[str, dict[str, Any]]:
     }
 
 
-def _told(values: Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:
+def _texts(values: Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:
     """Return the values and the defaults that they replace, as 'name=value, ...'."""
     sides = (", ".join(f"{name}={pair[side]}" for name, pair in values.items()) for side in ("value", "default"))
     first, second = sides
@@ -91,11 +91,11 @@ def _told(values: Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:
 @app.command(rich_help_panel=CATALOGUE_PANEL)
 def agents(
     name: Annotated[
-        str | None, typer.Argument(metavar="[AGENT]", help="Show this one's hyperparameters, task by task.")
+        str | None, typer.Argument(metavar="[AGENT]", help="Show this agent with its hyperparameters on each task.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """List the agents, or show one with its hyperparameters and the values that each task really gives it."""
+    """List the agents, or show one with its hyperparameters and their values on each task."""
     from trainables.agents.registry import agent_named
     from trainables.agents.registry import agents as registered
     from trainables.plugins.loader import canonicalise
@@ -138,7 +138,7 @@ def _values(agent: Agent, family: TaskFamily) -> dict[str, Any]:
 
 
 def _exceptions(hyperparameter: Mapping[str, Any], by_task: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return where a task sets another value than the default: '5000 in windy_gridworld'."""
+    """Return the tasks that set a value other than the default: '5000 in windy_gridworld'."""
     name, default = hyperparameter["name"], hyperparameter["default"]
     there = ((task, values.get(name)) for task, values in by_task.items())
     return ", ".join(f"{value} in {task}" for task, value in there if value != default) or "-"
@@ -147,7 +147,7 @@ def _exceptions(hyperparameter: Mapping[str, Any], by_task: Mapping[str, Mapping
 @app.command(rich_help_panel=CATALOGUE_PANEL)
 def spaces(
     name: Annotated[
-        str | None, typer.Argument(metavar="[SPACE]", help="Show this one's YAML, to start your own from.")
+        str | None, typer.Argument(metavar="[SPACE]", help="Print the YAML of this one, as a start for another.")
     ] = None,
     schema: Annotated[
         bool, typer.Option("--schema", help="Print the JSON Schema of search spaces, for editors.")
@@ -174,7 +174,7 @@ def spaces(
     if as_json:
         print_json([space.to_json() for space in found])
     else:
-        out.print(table(("name", "what it asks"), [(space.name, space.description) for space in found]))
+        out.print(table(("name", "description"), [(space.name, space.description) for space in found]))
 
 
 @app.command(rich_help_panel=CATALOGUE_PANEL)
@@ -199,10 +199,10 @@ def bounds(
 
 
 def bounds_sentences(found: Bounds) -> Iterable[str]:
-    """Yield what the exact figures of a scenario say, a sentence each."""
+    """Yield the exact results for a scenario, one sentence each."""
     holds = {True: "holds", False: "does NOT hold"}
     yield f"From {found.source} to {found.target}, discounted by {found.gamma:g}:"
-    yield f"- The largest |delta| of any state and action is {found.max_abs_delta:.4g}."
+    yield f"- The largest |delta| over all states and actions is {found.max_abs_delta:.4g}."
     yield f"- The optimal values of the two tasks, Q*, differ by at most {found.task_distance:.4g}."
     yield (
         f"- Theorem 1 {holds[found.theorem1_holds]}: that is at most max |delta| / (1 - gamma) = "

@@ -1,4 +1,4 @@
-"""Commands for sweeps that run elsewhere."""
+"""Commands for sweeps that run in another shell or on a cluster."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def submit(
         typer.Option(
             metavar="FOLDER",
             envvar="DELTATUNE_STORAGE",
-            help="A folder that every node sees, or a URL such as s3://BUCKET/FOLDER.",
+            help="A folder that every node can write to, or a URL such as s3://BUCKET/FOLDER.",
         ),
     ],
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="The sweep's name; default: the search space's.")
     ] = None,
 ) -> None:
-    """Send a sweep to a Ray cluster as a job: it goes on without this shell. Takes the options of 'sweep' too.
+    """Submit a sweep to a Ray cluster as a job, which runs on when this shell ends. Takes the options of 'sweep' too.
 
-    Follow it with 'deltatune watch SWEEP --storage ...' and 'deltatune logs SWEEP --storage ...' from anywhere that
-    sees the storage. Credentials of MLflow and of the storage must be in the environment of the cluster.
+    Follow it with 'deltatune watch SWEEP --storage ...' and 'deltatune logs SWEEP --storage ...' from any machine that
+    reads the storage. Credentials of MLflow and of the storage must be in the environment of the cluster.
     """
     from orchestrator.process_env import prepare
 
@@ -57,7 +57,7 @@ def submit(
 
 
 def check_options(words: list[str]) -> None:
-    """Raise a usage error, or InputError, for words that `sweep` would not take."""
+    """Raise a usage error, or InputError, for arguments that `sweep` would refuse."""
     from typer.main import get_command
 
     commands = get_command(app).commands  # type: ignore[attr-defined]
@@ -70,13 +70,13 @@ def watch(
     storage: Storage = RESULTS,
     every: Annotated[
         float,
-        typer.Option(min=0.1, max=86_400, metavar="SECONDS", help="Time between two looks."),
+        typer.Option(min=0.1, max=86_400, metavar="SECONDS", help="Time between two updates."),
     ] = 2.0,
     as_json: Json = False,
 ) -> None:
     """Follow a sweep that runs in another shell or on a cluster, until it ends.
 
-    With --json each look is a line of JSON, and the last line is what 'status' says.
+    With --json each update is a line of JSON, and the last line is that of 'status'.
     """
     from deltatune.cli.watch import follow
     from orchestrator.results.sweep_folder import Results
@@ -88,10 +88,10 @@ def watch(
 def logs(
     name: Sweep,
     storage: Storage = RESULTS,
-    follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on as the log grows; Ctrl-C ends it.")] = False,
+    follow: Annotated[bool, typer.Option("-f", "--follow", help="Keep printing new lines; Ctrl-C ends it.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Print the log of a sweep's drivers: when it ran, what failed, which workers were lost.
+    """Print a sweep's driver log: when it ran, what failed, which workers were lost.
 
     With --json each line of the log is a line of JSON.
     """

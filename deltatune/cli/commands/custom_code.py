@@ -1,4 +1,4 @@
-"""Commands for a custom task: is it sound, and a search space to start from."""
+"""Commands for custom tasks: check one, and write a search space for it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ TASK = Annotated[
 
 @app.command(rich_help_panel=CUSTOM_PANEL)
 def check(task: TASK, as_json: Json = False) -> None:
-    """Test a task as deltatune's own are tested, time it, and say what a sweep of it would cost (exit 1 if unsound).
+    """Test a task as the built-in ones are tested, time it, and estimate what a sweep costs (exit 1 if a test fails).
 
-    The file of FILE.py:NAME is run.
+    FILE.py:NAME runs that file.
     """
     from deltatune.cli.sheet import table
     from deltatune.cli.task_cost import task_costs
@@ -49,8 +49,8 @@ def check(task: TASK, as_json: Json = False) -> None:
         out.print(table((parsed.name, "", ""), rows))
         if rate is not None:
             out.print(f"The environment alone makes {rate:,.0f} steps a second.")
-            out.print(table(("agent", "steps a second", "a cell at its defaults"), [c.row() for c in costs]))
-            out.print("A sweep costs agents x targets x configurations x seeds such cells: see 'sweep --dry-run'.")
+            out.print(table(("agent", "steps a second", "a cell with default settings"), [c.row() for c in costs]))
+            out.print("A sweep has agents x targets x configurations x seeds such cells: see 'sweep --dry-run'.")
     if not sound:
         raise typer.Exit(1)
 
@@ -62,11 +62,11 @@ def init(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="The file to write; default: print.")
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="For a first look: a tenth of the episodes, two seeds; with its cost.")
+        bool, typer.Option("--quick", help="A tenth of the episodes and two seeds, and print its cost.")
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Write a commented search space for a task, to run as it is or to start from.
+    """Write a commented search space for a task, to run as it is or to edit.
 
     Features in the name make the target task, e.g. `deltatune init 'gym:Pendulum-v1:g=2x' -o mine.yaml`.
     """
@@ -81,7 +81,7 @@ def init(
         print_json({"yaml": text}) if as_json else typer.echo(text, nl=False)
         return
     if output.exists():
-        raise InputError(f"{output} is there already: choose another -o, or remove it")
+        raise InputError(f"{output} exists already: choose another -o, or remove it")
     make_folder(output.absolute().parent)
     write_atomic(output.absolute(), text.encode())
     cost = _cost(output) if quick else None
@@ -93,7 +93,7 @@ def init(
 
 
 def _cost(file: Path) -> tuple[float, float]:
-    """Return the seconds, from and to, that a sweep of a search space would take on this machine."""
+    """Return (low, high), the seconds that a sweep of the search space would take on this machine."""
     from orchestrator.cluster.resources import local_cpus
     from orchestrator.execution.forecast import forecast
     from orchestrator.execution.settings import Settings

@@ -1,4 +1,4 @@
-"""Commands on sweeps as things: list, compare, rename, remove."""
+"""Commands that list, compare, rename and remove sweeps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @app.command("list", rich_help_panel=RUN_PANEL)
 def list_(storage: Storage = RESULTS, as_json: Json = False) -> None:
-    """List the sweeps of a storage folder: when they ran, how far they are, the largest effect, what they cost."""
+    """List the sweeps of a storage folder: dates, progress, largest effect of transfer, cost."""
     from orchestrator.results.status import sweeps
 
     found = [_overview(results) for results in sweeps(storage, None)]
@@ -35,7 +35,7 @@ def list_(storage: Storage = RESULTS, as_json: Json = False) -> None:
 
 
 def _overview(results: Results) -> dict[str, Any]:
-    """Return what `list` says of a sweep, from its records and its best.yaml."""
+    """Return the entry of `list` for a sweep, from its records and its best.yaml."""
     from orchestrator.export.largest_effect import largest_effect
     from orchestrator.results.lock import driver
 
@@ -112,7 +112,7 @@ def rm(
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Remove sweeps with all their results. The source library and MLflow keep what they have of them."""
+    """Remove sweeps with all their results. Their sources stay in the source library, their runs in MLflow."""
     from orchestrator.results.admin import remove
     from orchestrator.results.sweep_folder import Results
     from trainables.errors import InputError
@@ -134,7 +134,7 @@ def rm(
 @app.command(rich_help_panel=RUN_PANEL)
 def mv(
     name: Sweep,
-    new: Annotated[str, typer.Argument(metavar="NEW_NAME", help="The name that it gets.")],
+    new: Annotated[str, typer.Argument(metavar="NEW_NAME", help="The new name.")],
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
@@ -146,4 +146,4 @@ def mv(
     if as_json:
         print_json({"sweep": moved.name, "folder": str(moved.folder)})
     else:
-        out.print(f"{name} is called {moved.name} now: {moved.folder}", soft_wrap=True)
+        out.print(f"renamed {name} to {moved.name}: {moved.folder}", soft_wrap=True)

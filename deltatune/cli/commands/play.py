@@ -1,4 +1,4 @@
-"""The command that shows agents acting."""
+"""The command that films a trained agent."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def play(
         Path, typer.Option("-o", "--output", metavar="FILE", help="The .gif to write; an .mp4; a .png of the end.")
     ] = Path("play.gif"),
     task: Annotated[
-        str | None, typer.Option("--task", metavar="TASK", help="Act on this task; default: what it was trained on.")
+        str | None, typer.Option("--task", metavar="TASK", help="Act on this task; default: the one it was trained on.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, metavar="SEED", help="The seed of the episode.")] = 0,
     name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look in this sweep alone.")] = None,
@@ -31,10 +31,10 @@ def play(
     tracking_uri: TrackingUri = None,
     as_json: Json = False,
 ) -> None:
-    """Show a greedy policy act for one episode, beside its source's on the same task.
+    """Film one episode of a greedy policy, beside its source's greedy policy on the same task.
 
-    The windy gridworld is drawn with its wind, the path, and |delta| over its states; other tasks as they render
-    themselves. An agent of the transfer stage is trained again first, which gives the same bits.
+    The windy gridworld is drawn with its wind, the path, and |delta| over its states; other tasks with their own
+    rendering. An agent of the transfer stage is first trained again, which gives the same bits.
     """
     from dashboards.play.film import check_suffix, write
     from dashboards.play.play import play as play_episodes

@@ -1,4 +1,4 @@
-"""Commands on the source library: what is trained, and which of it to follow."""
+"""Commands on the source library, and the ranking of its sources."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import typer
 from deltatune.cli.app import CATALOGUE_PANEL, RESULTS, Json, Storage, app, out, print_json
 from trainables.plugins.names import short
 
-sources = typer.Typer(no_args_is_help=True, help="The source library: list, check, and pass on what is trained.")
+sources = typer.Typer(no_args_is_help=True, help="The source library: list, check, export and import trained sources.")
 app.add_typer(sources, name="sources", rich_help_panel=CATALOGUE_PANEL)
 
-MOST_EPISODES, LARGEST_SEED = 1_000_000, 2**63 - 1
+MAX_EPISODES, MAX_SEED = 1_000_000, 2**63 - 1
 """Of a ranking."""
 
-SHOWN = 20
-"""Most sources in the table of a ranking."""
+MAX_ROWS = 20
+"""In the table of a ranking."""
 
 Names = Annotated[
-    list[str] | None, typer.Argument(metavar="[SOURCE]...", help="Take these, by id or task; default: all.")
+    list[str] | None, typer.Argument(metavar="[SOURCE]...", help="Only these sources, by id or task; default: all.")
 ]
 
 
 @sources.command("list")
 def list_(names: Names = None, storage: Storage = RESULTS, as_json: Json = False) -> None:
-    """List what is trained: task, agent, seed, returns, versions, size. Every checksum is checked on the way."""
+    """List the trained sources: task, agent, seed, returns, version, size. Every checksum is verified on the way."""
     from deltatune.cli.sheet import table
     from orchestrator.sources.library import SourceLibrary, row
 
@@ -50,7 +50,7 @@ def add(
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Add one library file, of another storage folder say."""
+    """Add one library file, from another storage folder for instance."""
     from orchestrator.sources.archive import MOST_BYTES
     from orchestrator.sources.library import SourceLibrary
     from trainables.storage.files import read_file
@@ -64,7 +64,7 @@ def add(
 
 @sources.command()
 def remove(
-    names: Annotated[list[str], typer.Argument(metavar="ID...", help="The whole ids of the sources.")],
+    names: Annotated[list[str], typer.Argument(metavar="ID...", help="The full ids of the sources.")],
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
@@ -81,7 +81,7 @@ def remove(
 
 @sources.command()
 def verify(storage: Storage = RESULTS, as_json: Json = False) -> None:
-    """Check every file: its checksum, its shapes, and that it is the cell's that it is named after (exit 1 if not)."""
+    """Check every file: its checksum, its shapes, and that its name is the id of its cell (exit 1 if not)."""
     from orchestrator.sources.library import SourceLibrary
     from trainables.errors import InputError
 
@@ -97,7 +97,7 @@ def verify(storage: Storage = RESULTS, as_json: Json = False) -> None:
     else:
         for sentence in broken.values():
             out.print(sentence, soft_wrap=True)
-        out.print(f"{len(library.ids()) - len(broken)} of {len(library.ids())} sources are whole")
+        out.print(f"{len(library.ids()) - len(broken)} of {len(library.ids())} sources are intact")
     if broken:
         raise typer.Exit(1)
 
@@ -130,7 +130,7 @@ def import_(
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Take sources from such a file, all of them or none where one is damaged."""
+    """Import sources from an exported file: all of them, or none if one is damaged."""
     from orchestrator.sources.archive import import_sources
     from orchestrator.sources.library import SourceLibrary
 
@@ -153,19 +153,19 @@ def rank(
     episodes: Annotated[
         int,
         typer.Option(
-            min=2, max=MOST_EPISODES, metavar="N", help="Episodes to play on the target, for all sources together."
+            min=2, max=MAX_EPISODES, metavar="N", help="Episodes to play on the target, for all sources together."
         ),
     ] = 100,
-    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, metavar="SEED", help="The seed of the episodes.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, metavar="SEED", help="The seed of the episodes.")] = 0,
     file: Annotated[
         list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
     ] = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Say which trained source to transfer from, or from none, by delta along each source's own path.
+    """Rank trained sources for a target task by delta along the path of each, and recommend one or none.
 
-    Every source's delta is estimated from the same target episodes. Exit code 3: none is recommended.
+    The delta of every source is estimated from the same target episodes. Exit code 3: none is recommended.
     """
     from orchestrator.sources.library import SourceLibrary
     from orchestrator.sources.ranking import rank_sources
@@ -191,20 +191,21 @@ def _print_ranking(data: dict[str, Any]) -> None:
     columns += ("|delta|", "|delta| at home", "episodes", "verdict")
     every = data["sources"]
     title = f"Sources for {short(data['target'])}, by the lower end of the return's interval"
-    out.print(table(columns, [_ranked(each) for each in every[:SHOWN]], title))
-    if len(every) > SHOWN:
-        out.print(f"... and {len(every) - SHOWN} more (--json has all)")
+    out.print(table(columns, [_ranked(each) for each in every[:MAX_ROWS]], title))
+    if len(every) > MAX_ROWS:
+        out.print(f"... and {len(every) - MAX_ROWS} more (--json has all)")
     out.print(f"{data['steps']} steps on the target; acting at random returns {data['random_return']:.1f}.")
     out.print(
-        "Advantage: by how much more than acting at random a source's own values say that it will return; here, the "
-        "share of it that is kept on the target.",
+        "Advantage: the return that a source predicts for itself, over that of acting at random. Kept: the share of "
+        "it that remains on the target.",
         soft_wrap=True,
     )
     if data["recommended"] is None:
         kept = "unknown" if every[0]["kept"] is None else f"{every[0]['kept']:.0%}"
         out.print("None is similar enough: learn without a source.", soft_wrap=True)
         out.print(
-            f"The best, {every[0]['id']}, keeps {kept} of what it promises over acting at random.", soft_wrap=True
+            f"The best, {every[0]['id']}, keeps {kept} of its predicted advantage over acting at random.",
+            soft_wrap=True,
         )
     else:
         out.print(f"Recommended: {every[0]['id']}, trained on {every[0]['task']}.", soft_wrap=True)

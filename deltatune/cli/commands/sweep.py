@@ -43,8 +43,8 @@ def sweep(
 ) -> None:
     """Run a search space: train the sources, then every agent on every target, and compare.
 
-    The same command again continues what was interrupted and runs what a grown search space adds; cells that are
-    done are never run twice. Try `deltatune sweep demo`, or a small
+    The same command again continues an interrupted sweep, and runs the cells that an extended search space adds; no
+    finished cell runs twice. Try `deltatune sweep demo`, or a small
     `deltatune sweep demo --seeds 2 --set episodes=500 --name try`.
     """
     from orchestrator.results.sweep_folder import check_name
@@ -114,14 +114,14 @@ def sweep(
 
 
 def _load_report() -> None:
-    """Import what the end of a sweep needs: while its cells run, which the driver only waits for."""
+    """Import what publishing needs, while the driver waits for the cells."""
     from deltatune.publish import load
 
     load()
 
 
 def wanted_space(text: str) -> SearchSpace:
-    """Return the search space that `text` names; InputError that points to `init` where it names a task."""
+    """Return the search space that `text` names. Raises InputError, which suggests `init` where it names a task."""
     from search_spaces.loading import built_in, load
     from trainables.errors import InputError
     from trainables.plugins.names import by_file
@@ -135,7 +135,7 @@ def wanted_space(text: str) -> SearchSpace:
 
 
 def _summary(name: str, space: SearchSpace) -> str:
-    """Return what a sweep is about, in a line."""
+    """Return a sweep's size in a line: '3 agents on 7 targets, 20 seeds'."""
     targets = {target for scenario in space.scenarios for target in scenario.targets}
     counts = ((len(space.agents), "agent"), (len(targets), "target"), (len(space.seeds), "seed"))
     agents, tasks, seeds = (f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts)

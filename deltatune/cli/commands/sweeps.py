@@ -1,4 +1,4 @@
-"""Commands on sweeps that are there already."""
+"""Commands on existing sweeps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from deltatune.cli.app import (
     print_json,
     print_named,
     program,
-    told_damage,
+    warn_of_damage,
 )
 from orchestrator.export.formats import FORMATS, write
 
@@ -38,7 +38,7 @@ def status(
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Show how far a sweep is: cells done, failed, stopped early and missing by stage, and why cells failed."""
+    """Show a sweep's progress: cells done, failed, stopped early and missing by stage, and why cells failed."""
     from deltatune.cli.sheet import table
     from orchestrator.results.status import KEYS, sweep_status, sweeps
 
@@ -79,7 +79,7 @@ def report(
     from orchestrator.results.sweep_folder import Results
     from trainables.storage.folders import make_folder
 
-    findings = find(told_damage(Results.open(storage, name)))
+    findings = find(warn_of_damage(Results.open(storage, name)))
     missing: list[str] = []
     files = draw(findings, make_folder(output) if output else None, every=True, missing=missing)
     for why in missing:
@@ -114,14 +114,14 @@ def export(
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Write a sweep's best hyperparameters per task, agent and source, for people and for 'sweep --params'.
+    """Write a sweep's best hyperparameters per task, agent and source, for reading and for 'sweep --params'.
 
-    Or, with --format, its results and its Table 1 for other programs.
+    Or, with --format, its results or its Table 1 for other programs.
     """
     from orchestrator.analysis.findings import find
     from orchestrator.results.sweep_folder import Results
 
-    written = write(find(told_damage(Results.open(storage, name))), kind.value, output)
+    written = write(find(warn_of_damage(Results.open(storage, name))), kind.value, output)
     if as_json:
         print_json(written.data)
     else:
@@ -130,13 +130,13 @@ def export(
 
 @app.command(rich_help_panel=RESULT_PANEL)
 def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = None, as_json: Json = False) -> None:
-    """Bring MLflow, or another tracker, up to a sweep's results table; twice changes nothing."""
+    """Write a sweep's results to MLflow or another tracker; a second run changes nothing."""
     from orchestrator.process_env import prepare
 
     prepare()
     from orchestrator.results.sweep_folder import Results
 
-    results = told_damage(Results.open(storage, name))
+    results = warn_of_damage(Results.open(storage, name))
     from deltatune.publish import artifacts, publish
     from orchestrator.tracking.sync import sync_now
     from orchestrator.tracking.trackers import kind_of, without_registry
@@ -166,7 +166,7 @@ def ui(
     storage: Storage = RESULTS,
     tracking_uri: TrackingUri = None,
     host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="The address to listen on; 127.0.0.1 is this machine alone.")
+        str, typer.Option(metavar="ADDRESS", help="The address to listen on; 127.0.0.1: only from this machine.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, metavar="PORT", help="The port to listen on.")] = 5000,
 ) -> None:

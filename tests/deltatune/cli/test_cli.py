@@ -136,7 +136,7 @@ def test_a_sweep_from_the_command_line(terminal: Terminal, space_file: Path, tmp
     assert data["mlflow"]["error"] is None
     code, out, _ = terminal.run(*words)
     assert code == 0
-    assert f"0 cells run (0 failed), {CELLS} there before" in out
+    assert f"0 cells run (0 failed), {CELLS} reused" in out
     for shown in ("transfer ratio", "delta_gate", str(folder / "best.yaml"), "curves.png", "ui --storage"):
         assert shown in out
     synced = terminal.json("sync", "small", "--storage", str(tmp_path / "r"))
@@ -292,7 +292,7 @@ def test_init_writes_a_file_once_that_a_dry_run_reads(
     assert yaml.safe_load(out)["name"] == "supply-chain"
     assert terminal.run("init", "supply_chain", "-o", "mine.yaml")[0] == 0
     assert yaml.safe_load(Path("mine.yaml").read_text()) == yaml.safe_load(out)
-    assert "mine.yaml is there already" in terminal.refused("init", "supply_chain", "-o", "mine.yaml")
+    assert "mine.yaml exists already" in terminal.refused("init", "supply_chain", "-o", "mine.yaml")
     assert "# A range:  delta_gate: {threshold: {low: 1, high: 20}}" in out
     assert "# A range:  delta_es: {advice_fraction: {low: 0.1, high: 0.5}}" in terminal.run("init", "cartpole")[1]
     data = terminal.json("sweep", "mine.yaml", "--dry-run", "--seeds", "1", "--agents", "q_learning")

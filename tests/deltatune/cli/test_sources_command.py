@@ -59,7 +59,7 @@ def test_remove_verify_export_import_and_add_go_round(storage: str, tmp_path: Pa
     assert ids[0] in _run("sources", "add", str(file), "--storage", storage)
     _run("sources", "import", str(archive), ids[1], "--storage", storage)
     assert SourceLibrary(Path(storage)).ids() == ids
-    assert "4 of 4 sources are whole" in _run("sources", "verify", "--storage", storage)
+    assert "4 of 4 sources are intact" in _run("sources", "verify", "--storage", storage)
 
 
 def test_verify_names_the_damaged_file_in_a_sentence_and_exits_with_1(storage: str) -> None:

@@ -38,8 +38,8 @@ def work(tmp_path: Path, redirection: str) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("redirection", "says"),
     [
-        (">/dev/full", "standard output has not got everything (No space left on device)"),
-        (">&-", "standard output has not got everything (Bad file descriptor)"),
+        (">/dev/full", "standard output is incomplete (No space left on device)"),
+        (">&-", "standard output is incomplete (Bad file descriptor)"),
         ("| true", "None"),
         (">/dev/null", "None"),
     ],
@@ -66,7 +66,7 @@ def test_a_sweep_whose_output_is_full_is_whole_and_says_one_sentence(tmp_path: P
             timeout=240,
         )
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith("error: standard output has not got everything")
+    assert done.stderr.splitlines()[-1].startswith("error: standard output is incomplete")
     assert "Traceback" not in done.stderr
     results = Results.open(tmp_path, "small")
     assert all(head is not None for _, _, head in results.ended())
