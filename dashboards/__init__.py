@@ -1,1 +1,1 @@
-"""What people look at: figures, their renderers, and the report."""
+"""The figures of a sweep, their renderers, the report, and films of episodes."""

@@ -1,4 +1,4 @@
-"""What people look at: figures and the report, drawn from the results table alone."""
+"""Writes the report and the figures, from the results table alone."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ REPORT = "report.html"
 log = logging.getLogger("deltatune.report")
 
 AT_THE_END = ("matrix", "curves", "delta_effect", "advice_fraction")
-"""The pictures that a sweep draws when it ends; the others are in the report at once, and as pictures on demand."""
+"""The figures that a sweep draws as files at its end; the report has all, and `deltatune report` draws all."""
 
 
 def draw(
     findings: Findings, folder: Path | None = None, every: bool = False, missing: list[str] | None = None
 ) -> list[Path]:
-    """Write the report, and as PNG and SVG in the folder `figures` beside it what the sweep has the cells for.
+    """Write the report, and figures as PNG and SVG in the folder `figures` beside it; return the files, report first.
 
-    folder: default the sweep's own. every: all figures as pictures, not those of AT_THE_END alone. missing: is told in
-    a sentence of each figure that could not be drawn; it costs no other. The files, the report first.
+    folder: default the sweep's own. every: draw all figures as files, not only those of AT_THE_END. missing: gets a
+    sentence for each figure that could not be drawn; the others are drawn all the same.
     """
     from dashboards import style
     from dashboards.renderers import matplotlib_renderer
@@ -39,6 +39,6 @@ def draw(
             try:
                 paths += matplotlib_renderer.draw(figure, findings.results.name, folder / "figures")
             except Exception as error:
-                log.exception("the picture %s could not be drawn", figure.name)
+                log.exception("the figure %s could not be drawn", figure.name)
                 missing.append(f"{figure.name} ({type(error).__name__}: {error})")
     return paths

@@ -1,4 +1,4 @@
-"""What a figure shows, as plain data: drawn in print by `printed`, and in the report by `web`."""
+"""What a figure shows, as plain data: `matplotlib_renderer` draws it for print, `plotly_renderer` for the report."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Series:
     names: tuple[str, ...] = ()
     """A word beside each point; empty: none."""
     hover: tuple[str, ...] = ()
-    """What the report says of each point under the mouse."""
+    """The report's text for each point under the mouse."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Level:
     value: float
     label: str = ""
     agent: str = ""
-    """Whose colour it has; empty: that of the axes."""
+    """The agent whose colour it has; empty: that of the axes."""
     upright: bool = False
 
 
@@ -53,7 +53,7 @@ class Panel:
     y_title: str
     series: tuple[Series, ...]
     target: str = ""
-    """The task that it is about: where a chart has many, the report shows one target at a time."""
+    """Its target task; where a chart has many, the report shows one at a time."""
     levels: tuple[Level, ...] = ()
     x_ticks: tuple[str, ...] = ()
     """Names of the places 0, 1, ... along x; empty: x is a number."""
@@ -69,12 +69,12 @@ class Chart:
     """A figure of one or more panels."""
 
     name: str
-    """Its file in `figures`, and its id in the report."""
+    """The name of its file in `figures`, and its id in the report."""
     title: str
     caption: str
     """How to read it."""
     alt: str
-    """What it shows, for one who cannot see it."""
+    """A description for readers who cannot see it."""
     panels: tuple[Panel, ...]
     columns: int = 2
     """Panels beside each other in print."""
@@ -92,9 +92,9 @@ class Matrix:
     columns: tuple[str, ...]
     """Target tasks."""
     texts: tuple[tuple[str, ...], ...]
-    """Transfer ratio in words, (rows, columns)."""
+    """(rows, columns): the transfer ratios as text."""
     verdicts: tuple[tuple[str, ...], ...]
-    """helped, hurt, undecided, or '' where there is no comparison."""
+    """(rows, columns): helped, hurt, undecided, or '' where there is no comparison."""
 
 
 @dataclass(frozen=True)

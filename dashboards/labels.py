@@ -1,4 +1,4 @@
-"""How the figures name things."""
+"""The names of tasks, agents, sources and numbers in figures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SOURCES = {"learned": "learned source", "exact": "exact source"}
 
 
 def targets(findings: Findings) -> list[str]:
-    """The target tasks in the order of the search space, under the names that the tables use."""
+    """Return the target tasks in the order of the search space, under their names in the tables."""
     from trainables.tasks.registry import parse_task
 
     asked = [parse_task(target).name for scenario in findings.results.space().scenarios for target in scenario.targets]
@@ -24,32 +24,32 @@ def targets(findings: Findings) -> list[str]:
 
 
 def settings(group: Group, hide: Collection[str] = ()) -> str:
-    """A group's hyperparameters beside its agent's defaults, without those in `hide`; empty where there are none."""
-    own = varied(group.agent, group.task, group.hyperparameters)
-    shown = {name: value for name, value in own.items() if name not in hide}
+    """Return a group's hyperparameters that differ from its agent's defaults, without those in `hide`, as text."""
+    changed = varied(group.agent, group.task, group.hyperparameters)
+    shown = {name: value for name, value in changed.items() if name not in hide}
     return settings_text(shown) if shown else ""
 
 
 def label(group: Group, hide: Collection[str] = ()) -> str:
-    """'agent (settings)', without the settings in `hide`, and its source where it has several on the task."""
-    own = settings(group, hide)
-    name = f"{short(group.agent)} ({own})" if own else short(group.agent)
+    """Return 'agent (settings)', without the settings in `hide`; with its source where it has several on the task."""
+    text = settings(group, hide)
+    name = f"{short(group.agent)} ({text})" if text else short(group.agent)
     return name + group.source_label.removeprefix(group.source)
 
 
 def heading(target: str, source: str) -> str:
-    """Return 'target, learned source', with which source it is where `source` (a kind, or a label) says so."""
+    """Return 'target, learned source', with the name of the source where `source` is a label that has it."""
     kind = next((kind for kind in SOURCES if source.startswith(kind)), None)
     return f"{short(target)}, {SOURCES[kind]}{source.removeprefix(kind)}" if kind else short(target)
 
 
 def in_order(groups: Iterable[Group]) -> list[Group]:
-    """Groups in the order of the legends, learned sources before exact ones, else as they are."""
+    """Return groups in the order of the legends, learned sources before exact ones; the sort is stable."""
     return sorted(groups, key=lambda group: (rank(group.agent), group.source != "learned"))
 
 
 def kinds(groups: Iterable[Group]) -> list[str]:
-    """The kinds of source among groups, learned first; ['none'] where there is no transfer."""
+    """Return the kinds of source among groups, learned first; ['none'] where there is no transfer."""
     there = {group.source for group in groups}
     return [kind for kind in SOURCES if kind in there] or ["none"]
 
@@ -73,15 +73,15 @@ def by_source(groups: Iterable[Group]) -> list[tuple[str, list[Group]]]:
 
 
 def minus(text: str) -> str:
-    """The hyphen before a number, not the one in a name or in 1e-05, becomes a minus sign."""
+    """Return `text` with a minus sign for the hyphen before a number, but not for that in a name or in 1e-05."""
     return re.sub(r"(?<!\w)-(?=[\d.])", "−", text)
 
 
 def listed(names: Sequence[str]) -> str:
-    """'a, b and c'."""
+    """Return names as text: 'a, b and c'."""
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + f" and {names[-1]}" if names else ""
 
 
 def count(number: int, noun: str) -> str:
-    """'1 cell', '2 cells'."""
+    """Return a number with its noun: '1 cell', '2 cells'."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -1,4 +1,4 @@
-"""One look for everything: colour-blind safe (after Okabe and Ito), readable in print, on light and on dark."""
+"""The colours, dashes and markers of agents: colour-blind safe (after Okabe and Ito), on light and dark, in print."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from trainables.plugins import names
 
 @dataclass(frozen=True)
 class Look:
-    """How an agent is drawn, the same everywhere: colour, dash and marker each tell it from its kin."""
+    """How an agent is drawn in every figure; colour, dash and marker each distinguish it from similar agents."""
 
     light: str
     """Colour on white."""
     dark: str
-    """Colour on black: the same hue, lighter."""
+    """Colour on black: the same hue, but lighter."""
     dash: tuple[float, ...] = ()
     """Lengths of line and gap in points; empty: solid."""
     marker: str = "circle"
@@ -32,7 +32,7 @@ MARKERS = {
     "pentagon": "p",
     "x": "X",
 }
-"""Name of a marker in the report to its name in print."""
+"""Plotly's name of each marker to matplotlib's."""
 
 PALETTE = {
     "grey": Look("#4d4d4d", "#c9ccd1", (5, 3), "square"),
@@ -56,21 +56,21 @@ PALETTE = {
     "steel": Look("#5b7083", "#a9bccd", (3, 3), "triangle-down"),
     "wine": Look("#882255", "#d36a9d", (5, 2, 1.5, 2), "pentagon"),
 }
-"""Looks by name. A deep agent may have that of its tabular kin, which it never meets."""
+"""Looks by name. A deep agent may share that of its tabular variant, since no figure shows both."""
 
 HELPED, HURT = "#1b7a5a", "#b3401f"
 """Positive and negative transfer in print."""
 
 _NAMED = {agent.name: agent.look for agent in AGENTS.values() if agent.look}
 _FREE = [name for name in PALETTE if name not in _NAMED.values()]
-"""What is left for agents that name no look: each has one of its own, as long as there are enough."""
+"""The looks for agents that name none: one each, as long as there are enough."""
 
 _ASSIGNED: dict[str, int] = {}
-"""The other agents of the sweep that is drawn, in the order in which they stand in legends."""
+"""The agents without a look in the sweep that is drawn, in the order of its legends."""
 
 
 def assign(agents: Iterable[str]) -> None:
-    """Begin to draw a sweep of these agents: those without a look are given one each, in this order."""
+    """Prepare to draw a sweep of these agents: those without a look get one each, in this order."""
     _ASSIGNED.clear()
     for agent in agents:
         key(agent)
@@ -88,6 +88,6 @@ def look(agent: str) -> Look:
 
 
 def rank(agent: str) -> int:
-    """Return where an agent stands in every legend: in the registry's order, then in that of `assign`."""
+    """Return an agent's place in legends: the registry's order, then that of `assign`."""
     order = list(AGENTS)
     return order.index(agent) if agent in order else len(order) + _ASSIGNED.get(agent, len(_ASSIGNED))

@@ -1,4 +1,4 @@
-"""What to sweep: plain data, each number with its source in the paper."""
+"""Search spaces: what to sweep, as plain data, each number with its source in the paper."""
 
 from search_spaces.domains import Grid, Range
 from search_spaces.loading import built_in, load, parse

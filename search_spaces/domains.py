@@ -1,4 +1,4 @@
-"""What a hyperparameter may be in a search space: one value, a list of values, or a range."""
+"""The values of a hyperparameter in a search space: one value, a list, or a range."""
 
 from __future__ import annotations
 

@@ -10,6 +10,6 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema() -> dict[str, Any]:
-    """Return what the YAML file of a search space may hold; names of tasks and agents are left open."""
+    """Return the JSON Schema of a search space's YAML file; it does not check the names of tasks and agents."""
     schema = SearchSpace.model_json_schema(by_alias=True, mode="validation")
     return {"$schema": DIALECT, **schema, "title": "deltatune search space"}

@@ -26,9 +26,9 @@ def built_in() -> dict[str, Path]:
 
 
 def parse(where: str, data: object, folders: Sequence[Path] = ()) -> SearchSpace:
-    """Return the search space in `data`; InputError that starts with `where` for anything wrong in it.
+    """Return the search space in `data`. Raises InputError, which starts with `where`, for anything wrong in it.
 
-    folders: where the files of custom tasks and agents are looked for, and run. None is run where there are none.
+    folders: where the files of custom tasks and agents are looked for and run; without any, no file is run.
     """
     if not isinstance(data, dict):
         raise InputError(f"{where}: a search space must be a mapping of keys to values")
@@ -45,7 +45,7 @@ def parse(where: str, data: object, folders: Sequence[Path] = ()) -> SearchSpace
 def load(name: str) -> SearchSpace:
     """Return the built-in search space called `name`, or the one in the YAML file `name`.
 
-    The files of custom code that a YAML file names are looked for beside it, then in the current folder, and run.
+    Files of custom code that a YAML file names are run; they are looked for beside it, then in the current folder.
     """
     if name in built_in():
         return parse(name, read_yaml(built_in()[name]))

@@ -21,9 +21,9 @@ def narrow(
     seeds: int | None = None,
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> SearchSpace:
-    """Return the part of `space` with these target tasks (full names, or a family's name for all of its), and agents.
+    """Return the part of `space` with these agents and target tasks: full names, or a family's for all of its targets.
 
-    seeds and hyperparameters replace the space's own. Raises InputError for what the space does not have.
+    seeds and hyperparameters replace those of the space. Raises InputError for a name that the space does not have.
     """
     data: dict[str, Any] = space.to_json()
     tasks, agents = [canonicalise(name) for name in tasks], [canonicalise(name) for name in agents]
@@ -44,13 +44,14 @@ def narrow(
 
 
 def _settle(data: dict[str, Any], values: Mapping[str, Any]) -> None:
-    """Put `values` in place of every grid of the same name, and leave out what no agent that is left knows."""
+    """Replace every grid that `values` names, and drop shared hyperparameters that no remaining agent has."""
     known = {key for name in data["agents"] for key in agent_named(name).hyperparameters.model_fields}
     shared = {key: option for key, option in data["hyperparameters"].items() if key in known}
     data["hyperparameters"] = shared | {key: {"values": [value]} for key, value in values.items()}
-    for own in (*data["agents"].values(), *(scenario["source"]["hyperparameters"] for scenario in data["scenarios"])):
+    sources = (scenario["source"]["hyperparameters"] for scenario in data["scenarios"])
+    for options in (*data["agents"].values(), *sources):
         for key in values:
-            own.pop(key, None)
+            options.pop(key, None)
 
 
 def _with_tasks(scenarios: list[dict[str, Any]], tasks: Sequence[str]) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Custom tasks and agents in a search space: their files are loaded, and their names get the hash of the content."""
+"""Custom tasks and agents in a search space: loads their files, and adds a hash of the content to their names."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from trainables.tasks.registry import parse_task
 
 
 def pinned(data: dict[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
-    """Return the search space `data` with every name of custom code by file in its canonical form.
+    """Return the search space `data` with the canonical form of every name of custom code by file.
 
-    folders: where the files are looked for. What is not shaped like a search space is left for its own check.
+    folders: where the files are looked for. Data of the wrong shape is left as it is, for `SearchSpace` to refuse.
     """
 
     def agent(value: Any) -> Any:

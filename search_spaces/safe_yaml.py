@@ -1,4 +1,4 @@
-"""YAML from outside: safe types only, and no more of them than a person would write."""
+"""YAML from untrusted files: safe types only, within limits of size and depth."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import yaml
 from trainables.errors import InputError, shown
 from trainables.storage.files import read_file
 
-MOST_BYTES = 4 * 2**20
+MAX_BYTES = 4 * 2**20
 """Largest file."""
 
-MOST_VALUES = 200_000
+MAX_VALUES = 200_000
 """Most values and keys of a file, with every alias counted as what it stands for."""
 
-MOST_KEYS = 1_000
+MAX_KEYS = 1_000
 """Most keys of one mapping."""
 
-MOST_LEVELS = 32
+MAX_LEVELS = 32
 """Deepest nesting."""
 
 LARGEST = 2**63 - 1
@@ -33,8 +33,8 @@ class _Loader(_BASE):  # type: ignore[misc]
     """Safe YAML in which 1e-4 is a number, as YAML 1.2 has it, and a key given twice is an error."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        if len(node.value) > MOST_KEYS:
-            raise _refused(f"a mapping has {len(node.value):,} keys, more than {MOST_KEYS:,}", node)
+        if len(node.value) > MAX_KEYS:
+            raise _refused(f"a mapping has {len(node.value):,} keys, more than {MAX_KEYS:,}", node)
         seen: set[Any] = set()
         for key_node, _ in node.value:
             if isinstance(key_node, yaml.ScalarNode):
@@ -63,15 +63,15 @@ def _refused(problem: str, where: Any) -> yaml.constructor.ConstructorError:
 
 
 def load_yaml(text: str) -> Any:
-    """Return what `text` says; YAMLError or ValueError where it is not YAML, is too large or nested too deep."""
+    """Return the value of a YAML text. Raises YAMLError or ValueError for what is no YAML, too large or too deep."""
     _check_size(text)
     return yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
 
 
 def _check_size(text: str) -> None:
-    """Raise YAMLError where `text` holds too much, before anything of it is built."""
+    """Raise YAMLError where `text` is too large or too deep, before any value is built."""
     sizes: dict[str, int] = {}
-    opened: list[tuple[str | None, int]] = []  # the anchors that are open, and how much there was before them
+    opened: list[tuple[str | None, int]] = []  # open anchors, and the number of values before each
     count = 0
     for event in yaml.parse(text, Loader=_BASE):
         if isinstance(event, yaml.AliasEvent):
@@ -85,20 +85,20 @@ def _check_size(text: str) -> None:
         elif isinstance(event, yaml.CollectionStartEvent):
             opened.append((event.anchor, count))
             count += 1
-            if len(opened) > MOST_LEVELS:
-                raise _refused(f"it is nested more than {MOST_LEVELS} levels deep", event)
+            if len(opened) > MAX_LEVELS:
+                raise _refused(f"it is nested more than {MAX_LEVELS} levels deep", event)
         elif isinstance(event, yaml.CollectionEndEvent):
             anchor, before = opened.pop()
             if anchor is not None:
                 sizes[anchor] = count - before
-        if count > MOST_VALUES:
-            raise _refused(f"it holds more than {MOST_VALUES:,} values, aliases counted as what they stand for", event)
+        if count > MAX_VALUES:
+            raise _refused(f"it holds more than {MAX_VALUES:,} values, aliases counted as what they stand for", event)
 
 
 def read_yaml(path: Path) -> Any:
-    """Return the contents of a YAML file; InputError where it cannot be read, with the line."""
+    """Return the contents of a YAML file. Raises InputError, with the line, where it cannot be read."""
     try:
-        return load_yaml(read_file(path, MOST_BYTES).decode("utf-8"))
+        return load_yaml(read_file(path, MAX_BYTES).decode("utf-8"))
     except UnicodeDecodeError as error:
         raise InputError(f"cannot read {path}: {error}") from None
     except yaml.YAMLError as error:
@@ -107,12 +107,12 @@ def read_yaml(path: Path) -> Any:
         raise InputError(f"{path}{where}: {getattr(error, 'problem', None) or 'not YAML'}") from None
     except InputError:
         raise
-    except (ValueError, RecursionError) as error:  # a date or number that is none, such as 2024-13-45
+    except (ValueError, RecursionError) as error:  # an impossible date or number, such as 2024-13-45
         raise InputError(f"{path}: {error}") from None
 
 
 def scalar(text: str) -> Any:
-    """Return one value as YAML reads it: 5 and 1e-4 are numbers, terminal is text; InputError for what is no value."""
+    """Return one value as YAML reads it: 5 and 1e-4 are numbers, terminal is text. Raises InputError for no value."""
     try:
         value = load_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""A search space: what to sweep, as plain data, in Python or YAML."""
+"""The schema of a search space: what to sweep, as plain data, in Python or YAML."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from search_spaces.domains import Grid, Options, Range, Strict
 from search_spaces.limits import (
-    LARGEST_SEED,
-    MOST_CELLS,
-    MOST_CONFIGURATIONS,
-    MOST_LIBRARY,
-    MOST_SCENARIOS,
-    MOST_SEEDS,
-    MOST_TARGETS,
+    MAX_CELLS,
+    MAX_CONFIGURATIONS,
+    MAX_LIBRARY,
+    MAX_SCENARIOS,
+    MAX_SEED,
+    MAX_SEEDS,
+    MAX_TARGETS,
     twice,
 )
 from trainables.agents.agent import Agent
@@ -36,11 +36,11 @@ def _seeds(value: object) -> object:
     if isinstance(value, int) and not isinstance(value, bool):
         if value < 1:
             raise ValueError(f"must be at least 1, or a list of seeds (got {shown(value)})")
-        if value > MOST_SEEDS:
-            raise ValueError(f"must be at most {MOST_SEEDS:,} (got {shown(value)})")
+        if value > MAX_SEEDS:
+            raise ValueError(f"must be at most {MAX_SEEDS:,} (got {shown(value)})")
         return tuple(range(value))
-    if isinstance(value, list) and len(value) > MOST_SEEDS:
-        raise ValueError(f"must be at most {MOST_SEEDS:,} (got a list of {len(value):,})")
+    if isinstance(value, list) and len(value) > MAX_SEEDS:
+        raise ValueError(f"must be at most {MAX_SEEDS:,} (got a list of {len(value):,})")
     return _tuple(value)
 
 
@@ -48,37 +48,37 @@ def _tuple(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
-Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
+Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 Seeds = Annotated[
     tuple[Seed, ...],
     BeforeValidator(
         _seeds,
-        json_schema_input_type=Annotated[int, Field(ge=1, le=MOST_SEEDS)]
-        | Annotated[list[Seed], Field(min_length=1, max_length=MOST_SEEDS)],
+        json_schema_input_type=Annotated[int, Field(ge=1, le=MAX_SEEDS)]
+        | Annotated[list[Seed], Field(min_length=1, max_length=MAX_SEEDS)],
     ),
     Field(min_length=1),
 ]
-Names = Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_TARGETS), BeforeValidator(_tuple)]
+Names = Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_TARGETS), BeforeValidator(_tuple)]
 Kinds = Annotated[tuple[Literal["learned", "exact"], ...], Field(min_length=1), BeforeValidator(_tuple)]
 Hyperparameters = dict[str, Options]
 
 
 class SourceSpace(Strict):
-    """Stage 1 of a scenario: the source task, and how its knowledge is made."""
+    """Stage 1 of a scenario: the source tasks, and how their knowledge is obtained."""
 
     task: str
-    library: Annotated[tuple[str, ...], Field(max_length=MOST_LIBRARY), BeforeValidator(_tuple)] = ()
-    """Further source tasks, for agents that choose among several sources (delta_select); the others use `task` alone.
-    Each is trained as `task` is. On a target that is in the library itself, that one is left out."""
+    library: Annotated[tuple[str, ...], Field(max_length=MAX_LIBRARY), BeforeValidator(_tuple)] = ()
+    """Further source tasks, for agents that choose among several sources (delta_select); other agents use `task` only.
+    Each is trained like `task`. A target that is in the library is not a source for itself."""
     agent: str = "q_learning"
     kinds: Kinds = ("learned",)
     """learned: trained by `agent` with the best of `hyperparameters`; exact: value iteration (tabular tasks)."""
     hyperparameters: Hyperparameters = Field(default_factory=dict)
-    """What stage 1 sweeps; the best values by mean AUC are stage 2's too."""
+    """What stage 1 sweeps. Stage 2 uses the best values by mean AUC."""
     pick: Literal["own_seed", "best_evaluated"] | Seed | None = None
-    """Whose knowledge a target seed gets: own_seed, its own source seed's last; best_evaluated, the network with the
-    best greedy evaluation of all source seeds; a number, that seed's best. Default: own_seed for tabular tasks,
-    best_evaluated for deep ones."""
+    """The knowledge that a target seed gets. own_seed: the last of the same source seed; best_evaluated: the network
+    with the best greedy evaluation of all source seeds; a number: the best of that seed. Default: own_seed for tabular
+    tasks, best_evaluated for deep ones."""
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -87,50 +87,50 @@ class SourceSpace(Strict):
 
 
 class Scenario(Strict):
-    """A source task and the target tasks that its knowledge goes to."""
+    """A source task and the target tasks to which its knowledge is transferred."""
 
     source: SourceSpace
     targets: Names
 
 
 class Scheduler(Strict):
-    """Early stopping, of all seeds of a configuration together, by their mean greedy return so far.
+    """Early stopping of all seeds of a configuration together, by their mean greedy return so far.
 
-    A configuration competes with the others of its arm alone: its task, agent and source. What is stopped has no AUC.
+    A configuration competes only within its arm: the same task, agent and source. A stopped configuration has no AUC.
     """
 
     method: Literal["asha", "median"]
-    """asha: asynchronous successive halving; median: stop what is under the median of the others' means."""
+    """asha: asynchronous successive halving; median: stop what is below the median of the others' means."""
     grace: Annotated[int, Field(ge=1)] = 5
-    """Evaluations that every configuration gets."""
+    """Evaluations before a configuration may be stopped."""
     reduction_factor: Annotated[int, Field(ge=2)] = 3
-    """asha: one in so many goes on from each rung."""
+    """asha: one in this many continues from each rung."""
 
 
 class Search(Strict):
     """How ranges are searched: `budget` configurations for each task, agent and source."""
 
     method: Literal["grid", "random", "optuna"] = "grid"
-    budget: Annotated[int, Field(ge=1, le=MOST_CONFIGURATIONS)] = 20
+    budget: Annotated[int, Field(ge=1, le=MAX_CONFIGURATIONS)] = 20
     seed: Seed = 0
     scheduler: Scheduler | None = None
-    """Early stopping; None: every configuration is trained to its end."""
+    """Early stopping; null: every configuration is trained to its end."""
 
 
 class SearchSpace(Strict):
-    """Everything that a sweep needs to know."""
+    """What to sweep: scenarios, agents with their hyperparameters, seeds, and the search method."""
 
     schema_version: Literal[1] = Field(alias="schema")
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
     family: Annotated[str, Field(pattern=r"^[A-Za-z0-9_. -]{0,64}$")] = ""
-    """The MLflow experiment; the name where it is left out."""
+    """The MLflow experiment; default: the name."""
     description: str = ""
     seeds: Seeds
-    scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1, max_length=MOST_SCENARIOS), BeforeValidator(_tuple)]
+    scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1, max_length=MAX_SCENARIOS), BeforeValidator(_tuple)]
     agents: Annotated[dict[str, Hyperparameters], Field(min_length=1)]
-    """Stage 2: each agent with the hyperparameters that it sweeps."""
+    """Stage 2: each agent with its hyperparameters to sweep."""
     hyperparameters: Hyperparameters = Field(default_factory=dict)
-    """Set for every agent of both stages that has them, e.g. {episodes: 500}."""
+    """For every agent of both stages that has them, e.g. {episodes: 500}."""
     search: Search = Search()
 
     @model_validator(mode="after")
@@ -156,11 +156,11 @@ class SearchSpace(Strict):
                 self._check_agent(agent_named(name), options, targets)
         return self
 
-    def _check_agent(self, agent: Agent, own: Hyperparameters, tasks: list[Task]) -> None:
+    def _check_agent(self, agent: Agent, specific: Hyperparameters, tasks: list[Task]) -> None:
         """Check that the agent takes every value that may be tried, on each task."""
         known = agent.hyperparameters.model_fields
         shared = {key: option for key, option in self.hyperparameters.items() if key in known}
-        for key, option in {**shared, **own}.items():
+        for key, option in {**shared, **specific}.items():
             if isinstance(option, Range) and self.search.method == "grid":
                 raise ValueError(f"{agent.name}.{key} is a range: add search: {{method: random}} or {{method: optuna}}")
             for value in option.ends() if isinstance(option, Range) else option.values:
@@ -176,7 +176,7 @@ class SearchSpace(Strict):
 
 
 def _check_size(space: SearchSpace) -> None:
-    """Raise ValueError where a search space would make too many configurations or cells. Makes none of them."""
+    """Raise ValueError where a search space has too many configurations or cells, without building them."""
     asked = 0
     for scenario in space.scenarios:
         source, seeds = scenario.source, len(space.seeds)
@@ -186,17 +186,17 @@ def _check_size(space: SearchSpace) -> None:
         for agent, options in space.agents.items():
             kinds = len(source.kinds) if agent_named(agent).needs_source else 1
             asked += len(scenario.targets) * kinds * seeds * _configurations(space, agent, options)
-    if asked > MOST_CELLS:
-        raise ValueError(f"it asks for {asked:,} cells, more than {MOST_CELLS:,}: take fewer values, tasks or seeds")
+    if asked > MAX_CELLS:
+        raise ValueError(f"it asks for {asked:,} cells, more than {MAX_CELLS:,}: take fewer values, tasks or seeds")
 
 
-def _configurations(space: SearchSpace, agent: str, own: Hyperparameters) -> int:
+def _configurations(space: SearchSpace, agent: str, specific: Hyperparameters) -> int:
     known = agent_named(agent).hyperparameters.model_fields
-    options = [option for name, option in {**space.hyperparameters, **own}.items() if name in known]
+    options = [option for name, option in {**space.hyperparameters, **specific}.items() if name in known]
     count = prod(len(option.values) for option in options if isinstance(option, Grid))
-    if count > MOST_CONFIGURATIONS:
+    if count > MAX_CONFIGURATIONS:
         raise ValueError(
-            f"the grid of {agent} has {count:,} configurations, more than {MOST_CONFIGURATIONS:,}: take fewer values, "
+            f"the grid of {agent} has {count:,} configurations, more than {MAX_CONFIGURATIONS:,}: take fewer values, "
             "or search: {method: random}"
         )
     return space.search.budget if any(isinstance(option, Range) for option in options) else count
@@ -213,7 +213,7 @@ def _check_shapes(source: Task, target: Task) -> None:
         return
     try:
         spaces = [_spaces(source.name), _spaces(target.name)]
-    except Exception as error:  # custom code that cannot be built, or is not here: its cells say why, the others run
+    except Exception as error:  # custom code that is broken or missing: its cells will say why, the others run
         if {source.family.origin, target.family.origin} == {"built-in"}:
             raise
         log.info("the shapes of %s and %s cannot be compared: %s", source.name, target.name, error)
@@ -224,7 +224,7 @@ def _check_shapes(source: Task, target: Task) -> None:
 
 @functools.cache
 def _spaces(name: str) -> str:
-    """Return the shape of its observations (or its states) and its actions, in words."""
+    """Return a task's states, or the shape of its observations, and its actions, as text."""
     env = make_env(parse_task(name))
     states, actions = getattr(env.observation_space, "n", None), getattr(env.action_space, "n", None)
     shape = env.observation_space.shape

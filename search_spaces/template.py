@@ -1,4 +1,4 @@
-"""A commented search space to start from, for one task."""
+"""The commented search space that `deltatune init` writes for a task."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
 
 KEPT = ("levels", "limit")
-"""Features that a source shares with its targets: they make the task another one."""
+"""Features that source and target must share, since they change actions or episode length."""
 
 QUICK = 10
-"""A quick look trains for this part of the episodes."""
+"""With --quick, the episodes are divided by this."""
 
 TEMPLATE = """\
 # What to sweep, written by 'deltatune init {typed}'. It runs as it is; every line may be changed.
-#   deltatune sweep {file} --dry-run   what it would do, and what that would cost
-#   deltatune sweep {file}   do it; the same command again continues
+#   deltatune sweep {file} --dry-run   shows what it would run, and the cost
+#   deltatune sweep {file}   runs it; the same command again continues
 schema: 1
 name: {name}  # the folder of its results
 description: Does knowledge of {source} help or hurt on other versions of it?
@@ -29,15 +29,15 @@ scenarios:
       task: {source}
       agent: {base}  # any agent that learns without a source
       {kinds}
-      hyperparameters:  # the best of these by mean AUC is what stage 2 uses too
+      hyperparameters:  # stage 2 uses the best of these by mean AUC
         learning_rate: {rates}
     targets:  # stage 2: every agent below learns each of these; 2x is twice the default
 {targets}
       # features: {features}
-hyperparameters:  # for every agent that has them; 'deltatune agents' explains them all
+hyperparameters:  # for every agent that has them; 'deltatune agents NAME' explains them
   episodes: {episodes}
   evaluate_every: {every}
-agents:  # one value, a list to try each of, or a range with 'search'
+agents:  # for each hyperparameter one value, a list of values to try, or a range with 'search'
 {agents}
 # A range:  {range}  together with
 # search: {{method: random, budget: 20}}      # or method: optuna
@@ -45,10 +45,10 @@ agents:  # one value, a list to try each of, or a range with 'search'
 
 
 def starter(typed: str, name: str, file: str, quick: bool = False) -> str:
-    """Return the YAML of a search space for the task called `name`, which the user calls `typed`.
+    """Return the YAML of a search space for the task called `name`, which the user typed as `typed`.
 
-    Its features, where it has some off their defaults, make the target; else the family's own targets do.
-    quick: for a first look, with one learning rate, few seeds and a QUICK part of the episodes.
+    Its features make the target where they differ from their defaults, else the targets are those of the family.
+    quick: one learning rate, few seeds, and 1 / QUICK of the episodes.
     """
     task = parse_task(name)
     source = Task(task.family, tuple(change for change in task.changed if change[0] in KEPT))
@@ -68,11 +68,13 @@ def starter(typed: str, name: str, file: str, quick: bool = False) -> str:
         kinds="kinds: [learned, exact]  # trained by the agent above; by value iteration"
         if task.tabular
         else "pick: best_evaluated  # the best network of all seeds; or own_seed",
-        seeds="2  # a quick look: 5 and more for a result" if quick else "5  # 0 to 4; more seeds, narrower intervals",
+        seeds="2  # a quick look; 5 or more for results"
+        if quick
+        else "5  # 0 to 4; more seeds, narrower intervals",
         rates=("[0.5]" if quick else "[0.5, 0.1]") if task.tabular else "[1.0e-3]" if quick else "[1.0e-3, 1.0e-4]",
         targets="\n".join(f"      - {target}" for target in targets),
         features=", ".join(feature.name for feature in task.family.features) or "none",
-        episodes=f"{episodes}  # a quick look: {settings['episodes']} for a result" if quick else episodes,
+        episodes=f"{episodes}  # a quick look; {settings['episodes']} for results" if quick else episodes,
         every=min(settings["evaluate_every"], max(1, episodes // 10)),
         range="delta_gate: {threshold: {low: 1, high: 20}}"
         if task.tabular
@@ -82,13 +84,13 @@ def starter(typed: str, name: str, file: str, quick: bool = False) -> str:
 
 
 def _shown(agent: Agent, task: Task) -> str:
-    """Return an agent's most telling hyperparameters, as they are for the task."""
+    """Return an agent's most important hyperparameters with their values on the task."""
     values = agent.resolve(task, {}).model_dump()
     return ", ".join(f"{name}: {values[name]}" for name in agent.shown)
 
 
 def _features(typed: str) -> str:
-    """Return the text of the features in a name, its colon included."""
+    """Return the features in a name as text, with the colon before them."""
     match = re.search(r":[A-Za-z_][\w.]*=.*$", typed)
     return match.group() if match else ""
 

@@ -19,7 +19,7 @@ META = "meta"
 """Name of the array that holds a file's JSON header."""
 
 
-MOST_BYTES = 2**30
+MAX_BYTES = 2**30
 """Largest unpacked size of a file that is read."""
 
 
@@ -64,8 +64,8 @@ class Knowledge:
         try:
             with zipfile.ZipFile(io.BytesIO(data)) as archive:
                 size = sum(info.file_size for info in archive.infolist())
-            if size > MOST_BYTES:
-                raise ValueError(f"it unpacks to {size} bytes, more than {MOST_BYTES}")
+            if size > MAX_BYTES:
+                raise ValueError(f"it unpacks to {size} bytes, more than {MAX_BYTES}")
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
                 arrays = {name: file[name] for name in file.files}
             meta = json.loads(arrays.pop(META).tobytes())

@@ -1,1 +1,1 @@
-"""The figures of a sweep, one file each, as data."""
+"""The figures of a sweep as data, one module each."""

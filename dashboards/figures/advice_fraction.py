@@ -14,7 +14,7 @@ SHARE = "advice_fraction"
 
 
 def chart(findings: Findings) -> Chart | Absent:
-    """A panel per target and kind of source on which more than one share was tried."""
+    """Return the figure: a panel per target and kind of source with more than one share."""
     advised = [group for group in findings.groups if SHARE in group.hyperparameters and group.complete]
     panels = []
     for target in targets(findings):

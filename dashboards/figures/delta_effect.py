@@ -1,4 +1,4 @@
-"""Delta against the transfer effect: does max |delta| tell whether the source helps? (Figure 1 in general form)."""
+"""Delta against the transfer effect: does max |delta| predict whether the source helps? (Figure 1, generalised)."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ DEEP = "final_delta_p90"
 
 
 NEAR = (0.45, 0.12)
-"""Shares of a panel's width and height within which two names would meet."""
+"""Shares of a panel's width and height within which two names would overlap."""
 
 
-LETTERS = 24
-"""Most letters beside a point."""
+MAX_LETTERS = 24
+"""Beside a point."""
 
-NAMED = 6
-"""Most targets whose names stand beside their points; more are named under the mouse alone."""
+MAX_NAMED = 6
+"""Targets named beside their points; with more, the names appear only under the mouse."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A configuration on a target: how large delta is there, and what transfer did."""
+    """The size of delta and the transfer effect of one configuration on one target."""
 
     group: Group
     delta: float
-    """max |delta| at the end of training; of a deep agent the 90 % quantile of max_a |delta| over a minibatch."""
+    """max |delta| at the end of training; for deep agents the 90 % quantile of max_a |delta| over a minibatch."""
     ratio: tuple[float, float, float]
     """Transfer ratio in percent: value, low, high (all equal where there are too few seeds for an interval)."""
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """Of delta with the transfer ratio over the targets of one agent."""
+    """Spearman's rank correlation of delta with the transfer ratio, over the targets of one agent."""
 
     agent: str
     source: str
@@ -51,7 +51,7 @@ class Correlation:
 
 
 def pairs(findings: Findings) -> list[Pair]:
-    """The best configurations that have both a delta and a defined transfer ratio."""
+    """Return the best configurations that have both a delta and a defined transfer ratio."""
     deep = {}
     if DEEP in findings.cells:
         done = findings.cells[findings.cells["status"] == "done"].dropna(subset=[DEEP])
@@ -67,7 +67,7 @@ def pairs(findings: Findings) -> list[Pair]:
 
 
 def correlations(found: Sequence[Pair]) -> list[Correlation]:
-    """One per agent and kind of source, over its targets."""
+    """Return the correlation over targets of each agent and kind of source."""
     keys = dict.fromkeys((pair.group.agent, pair.group.source) for pair in found)
     result = []
     for agent, source in keys:
@@ -78,7 +78,7 @@ def correlations(found: Sequence[Pair]) -> list[Correlation]:
 
 
 def chart(findings: Findings) -> Chart | Absent:
-    """A panel per kind of source and of delta's scale, a point per agent and target."""
+    """Return the figure: a panel per kind of source and scale of delta, a point per agent and target."""
     found = pairs(findings)
     if not found:
         reason = "No configuration with every seed done has both an estimate of delta and a defined transfer ratio."
@@ -106,7 +106,7 @@ def _panel(source: str, kind: str, here: Sequence[Pair]) -> Panel:
         x, y = tuple(pair.delta for pair in mine), tuple(pair.ratio[0] for pair in mine)
         band = (tuple(pair.ratio[1] for pair in mine), tuple(pair.ratio[2] for pair in mine))
         tasks = tuple(pair.group.task for pair in mine)
-        names = _names(mine, here) if _direct(agent) and len(mine) <= NAMED else ()
+        names = _names(mine, here) if _direct(agent) and len(mine) <= MAX_NAMED else ()
         series.append(Series(agent, agent, x, y, band, form="points", names=names, hover=tasks))
         if _direct(agent) and source == "exact":
             exact = tuple(largest_delta(pair.group) for pair in mine)
@@ -124,19 +124,19 @@ def _panel(source: str, kind: str, here: Sequence[Pair]) -> Panel:
 
 
 def _direct(agent: str) -> bool:
-    """Whether an agent follows its source in every step: its transfer ratio is that of the source's policy itself."""
+    """Return whether an agent follows its source in every step, so that its ratio is that of the source's policy."""
     return getattr(agent_named(agent).hyperparameters, "reuse", None) == "always"
 
 
 def _reach(values: Iterable[float]) -> tuple[float, float]:
-    """From the least to the greatest, with room for the names beside the points."""
+    """Return (low, high) of an axis: the range of the values, and space for the names beside the points."""
     every = list(values)
     room = 0.16 * (max(every) - min(every) or 1.0)
     return min(every) - room, max(every) + room
 
 
 def _names(mine: Sequence[Pair], here: Sequence[Pair]) -> tuple[str, ...]:
-    """The targets of points; points that lie close together share one name, or have none where it is too long."""
+    """Return a name per point; points close together share one, or have none where it would be too long."""
     wide = max(pair.delta for pair in here) - min(pair.delta for pair in here) or 1.0
     tall = max(pair.ratio[0] for pair in here) - min(pair.ratio[0] for pair in here) or 1.0
     names: list[list[str]] = []
@@ -153,16 +153,16 @@ def _names(mine: Sequence[Pair], here: Sequence[Pair]) -> tuple[str, ...]:
         if first is not None:
             names[first].append(short(pair.group))
     joined = [", ".join(words) for words in names]
-    return tuple(name if len(name) <= LETTERS else "" for name in joined)
+    return tuple(name if len(name) <= MAX_LETTERS else "" for name in joined)
 
 
 def short(group: Group) -> str:
-    """What sets the target apart from the source."""
+    """Return what distinguishes the target from the source."""
     return group.task.partition(":")[2].removeprefix("wind=") or "the source itself"
 
 
 def largest_delta(group: Group) -> float:
-    """The exact max |delta| between a group's source and target."""
+    """Return the exact max |delta| between a configuration's source and target."""
     import numpy as np
 
     from trainables.delta.exact import exact_delta, exact_q

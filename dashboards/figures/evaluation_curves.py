@@ -14,17 +14,17 @@ from orchestrator.analysis.groups import Group
 
 NAME, TITLE = "curves", "Evaluation curves"
 
-OTHERS = 2
-"""Most configurations of an agent that are drawn beside its best."""
+MAX_OTHERS = 2
+"""Configurations of an agent drawn beside its best."""
 
-POINTS = 160
-"""Most points of a curve that are drawn, evenly spaced, first and last included; the tables have them all."""
+MAX_POINTS = 160
+"""Points drawn of a curve, evenly spaced, first and last included; the tables have them all."""
 
 Bands = Mapping[tuple[str, str], pd.DataFrame]
 
 
 def chart(findings: Findings) -> Chart | Absent:
-    """The best configuration of each agent on each target, and up to OTHERS more of it in thin lines."""
+    """Return the figure: each agent's best configuration on each target, and up to MAX_OTHERS more in thin lines."""
     best = findings.best
     shown = [target for target in targets(findings) if any(group.task == target for group in best)]
     if not shown:
@@ -44,9 +44,9 @@ def chart(findings: Findings) -> Chart | Absent:
         columns = max(columns, len(sources))
         panels += [_panel(target, source, tuple(lines[group.id] for group in of)) for source, of in sources]
     longest = max(len(band) for band in bands.values())
-    every = -(-(longest - 1) // (POINTS - 1)) if longest > POINTS else 1
+    every = -(-(longest - 1) // (MAX_POINTS - 1)) if longest > MAX_POINTS else 1
     caption = "Greedy return over training: mean and 95 % interval over seeds. Bold: each agent's best configuration; "
-    caption += f"thin: up to {count(OTHERS, 'other')} of it, where it has no more. "
+    caption += f"thin: its others, where there are at most {MAX_OTHERS}. "
     caption += (
         f"Of {longest} evaluations about every {every}th is drawn." if every > 1 else "Every evaluation is drawn."
     )
@@ -55,10 +55,10 @@ def chart(findings: Findings) -> Chart | Absent:
 
 
 def _others(findings: Findings, target: str) -> list[Group]:
-    """The configurations beside the best, of agents that have few of them with one kind of source."""
+    """Return the configurations beside the best, of agents with at most MAX_OTHERS for one kind of source."""
     best = {group.id for group in findings.best}
     others = [g for g in findings.groups if g.task == target and g.complete and g.id not in best]
-    return [g for g in others if sum((o.agent, o.source) == (g.agent, g.source) for o in others) <= OTHERS]
+    return [g for g in others if sum((o.agent, o.source) == (g.agent, g.source) for o in others) <= MAX_OTHERS]
 
 
 def _panel(target: str, source: str, series: tuple[Series, ...]) -> Panel:
@@ -69,7 +69,7 @@ def _panel(target: str, source: str, series: tuple[Series, ...]) -> Panel:
 
 
 def line(group: Group, band: pd.DataFrame, hide: Collection[str] = (), faint: bool = False) -> Series:
-    """A group's mean curve with its band, of at most POINTS points; `hide` is left out of its label."""
+    """Return a configuration's mean curve with its band, at most MAX_POINTS points; its label leaves out `hide`."""
     thin = thinned(band)
     low, high = (tuple(float(value) for value in thin[end]) for end in ("low", "high"))
     x, y = (tuple(float(value) for value in thin[name]) for name in ("episode", "mean"))
@@ -77,8 +77,8 @@ def line(group: Group, band: pd.DataFrame, hide: Collection[str] = (), faint: bo
 
 
 def thinned(band: pd.DataFrame) -> pd.DataFrame:
-    """At most POINTS rows, evenly spaced, first and last included."""
-    if len(band) <= POINTS:
+    """Return at most MAX_POINTS rows, evenly spaced, first and last included."""
+    if len(band) <= MAX_POINTS:
         return band
     last = len(band) - 1
-    return band.iloc[[round(i * last / (POINTS - 1)) for i in range(POINTS)]]
+    return band.iloc[[round(i * last / (MAX_POINTS - 1)) for i in range(MAX_POINTS)]]

@@ -12,30 +12,30 @@ from orchestrator.analysis.groups import Group
 NAME, TITLE = "forest", "Forest plot"
 
 REACH = 150.0
-"""Percent: a ratio beyond is drawn at the edge, with its number."""
+"""Percent. A ratio beyond it is drawn at the edge, with its number."""
 
-ROWS = 24
-"""Most rows of a panel: where a target has more configurations, only the best of each agent and source are drawn."""
+MAX_ROWS = 24
+"""Of a panel: with more configurations on a target, only the best of each agent and source are drawn."""
 
 
 def chart(findings: Findings) -> Chart | Absent:
-    """A row per configuration with a defined transfer ratio."""
+    """Return the figure: a row per configuration with a defined transfer ratio."""
     panels, undefined, cut = [], 0, False
     best = {group.id for group in findings.best}
     for target in targets(findings):
         here = in_order(g for g in findings.groups if g.task == target and g.complete and g.against_base)
         defined = [group for group in here if _ratio(group) is not None]
         undefined += len(here) - len(defined)
-        if len(defined) > ROWS:
+        if len(defined) > MAX_ROWS:
             cut, defined = True, [group for group in defined if group.id in best]
         if defined:
-            panels.append(_panel(target, defined[:ROWS], findings.common))
+            panels.append(_panel(target, defined[:MAX_ROWS], findings.common))
     if not panels:
         reason = "No configuration with every seed done has a defined transfer ratio"
         return Absent(NAME, TITLE, f"{reason} ({undefined} undefined)." if undefined else f"{reason}.")
     caption = "Transfer ratio with its 95 % interval; right of 0 the source helps. "
     caption += "The best configuration of each agent and source. " if cut else "Every configuration. "
-    caption += f"Beyond ±{REACH:.0f} % the number stands at the edge."
+    caption += f"A ratio beyond ±{REACH:.0f} % is drawn at the edge, with its number."
     caption += f" {count(undefined, 'undefined ratio')} left out." if undefined else ""
     alt = f"Forest plot of transfer ratios on {count(len(panels), 'target')}; the numbers are in Table 1."
     return Chart(NAME, TITLE, caption, alt, tuple(panels))
@@ -64,7 +64,7 @@ def _panel(target: str, groups: Sequence[Group], hide: Collection[str]) -> Panel
 
 
 def _series(agent: str, groups: Sequence[Group], hide: Collection[str]) -> Series:
-    """An agent's rows."""
+    """Return the points of one agent."""
     mine = [(float(place), group) for place, group in enumerate(groups) if group.agent == agent]
     values = [_ends(group) for _, group in mine]
     x, low, high = (tuple(_clip(value[end]) for value in values) for end in range(3))
@@ -80,7 +80,7 @@ def _source(group: Group) -> str:
 
 
 def _ends(group: Group) -> tuple[float, float, float]:
-    """(value, low, high) in percent; the value thrice where there is no interval."""
+    """Return (value, low, high) in percent; all three are the value where there is no interval."""
     assert group.against_base is not None
     ratio = group.against_base.transfer_ratio
     assert ratio.value is not None

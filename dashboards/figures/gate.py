@@ -1,4 +1,4 @@
-"""The gate, or the advice, over training: when the source is followed, and what delta says meanwhile."""
+"""Gate or advice over training: how often the source is followed, and how delta develops."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ NAME, TITLE = "gate", "Gate and advice over training"
 
 
 def plots(groups: Iterable[Group]) -> list[Plot]:
-    """What there is to draw over training: of the agents that are registered, then of custom ones, each once."""
+    """Return the quantities to draw over training: those of the built-in agents, then of custom ones, each once."""
     custom = [agent_named(name) for name in dict.fromkeys(group.agent for group in groups)]
     return list(dict.fromkeys(plot for agent in (*AGENTS.values(), *custom) for plot in agent.plots))
 
 
 def chart(findings: Findings) -> Chart | Absent:
-    """A panel per target, kind of source and quantity, of each agent's best configuration."""
+    """Return the figure: a panel per target, kind of source and quantity, with each agent's best configuration."""
     shown = in_order(group for group in findings.best if group.source != "none")
     quantities = plots(shown)
     columns = [*(plot.statistic for plot in quantities), *(plot.level for plot in quantities if plot.level)]
@@ -64,7 +64,7 @@ def _panel(
 
 
 def _levels(name: str, groups: Sequence[Group], bands: Bands) -> list[Level]:
-    """One line per value of the hyperparameter `name`, named after every agent that has it."""
+    """Return one line per value of the hyperparameter `name`, named after the agents that have this value."""
     by_value: dict[float, list[str]] = {}
     for group in groups:
         value = _value(name, group, bands)
@@ -74,7 +74,7 @@ def _levels(name: str, groups: Sequence[Group], bands: Bands) -> list[Level]:
 
 
 def _value(name: str, group: Group, bands: Bands) -> float | None:
-    """A hyperparameter as a number: where it is none (`auto`), the mean over seeds of what the agent reports of it."""
+    """Return a hyperparameter as a number; for text such as `auto`, the mean over seeds of the value that was used."""
     value = group.hyperparameters[name]
     if isinstance(value, int | float):
         return float(value)

@@ -9,11 +9,11 @@ from orchestrator.analysis.metric_validity import NAMES
 from orchestrator.analysis.statistics import Estimate
 
 Found = Mapping[tuple[str, str, str], Estimate]
-"""(source task, agent, measure) to its correlation, from `validity.correlations`."""
+"""(source task, agent, measure) to its correlation, from `orchestrator.analysis.metric_validity.correlations`."""
 
 
 def chart(found: Found) -> Chart:
-    """A panel per source task, a row per measure and agent."""
+    """Return the figure: a panel per source task, a row per measure and agent."""
     sources = list(dict.fromkeys(source for source, _, _ in found))
     return Chart(
         "metric_validity",
@@ -39,7 +39,7 @@ def _panel(source: str, found: Found) -> Panel:
 
 
 def _series(source: str, agent: str, rows: list[tuple[str, str]], found: Found) -> Series:
-    """An agent's rows."""
+    """Return the points of one agent."""
     mine = [(float(place), found[source, agent, name]) for place, (name, owner) in enumerate(rows) if owner == agent]
     ends = tuple(each.low for _, each in mine), tuple(each.high for _, each in mine)
     values, places = tuple(each.value for _, each in mine), tuple(place for place, _ in mine)

@@ -1,4 +1,4 @@
-"""What each hyperparameter does: AUC against every one that the sweep varied."""
+"""Sensitivity: AUC against each hyperparameter that the sweep varied."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from orchestrator.planning.arms import Key
 
 NAME, TITLE = "sensitivity", "Sensitivity to each hyperparameter"
 
-NAMED = 8
-"""Most values of a hyperparameter that stand evenly spaced under their names; more numbers are drawn to scale."""
+MAX_NAMED = 8
+"""Values of a hyperparameter that are evenly spaced on the axis; with more, numbers are drawn to scale."""
 
 
 def members(findings: Findings) -> dict[Key, list[Group]]:
-    """The complete configurations of each arm that has more than one."""
+    """Return the complete configurations of each arm that has more than one."""
     found: dict[Key, list[Group]] = {}
     for group in in_order(group for group in findings.groups if group.complete and group.auc):
         found.setdefault(group.key, []).append(group)
@@ -27,13 +27,13 @@ def members(findings: Findings) -> dict[Key, list[Group]]:
 
 
 def varied_names(groups: Sequence[Group]) -> list[str]:
-    """The hyperparameters in which configurations differ."""
+    """Return the hyperparameters in which configurations differ."""
     names = groups[0].hyperparameters
     return [name for name in names if len({_text(group.hyperparameters.get(name)) for group in groups}) > 1]
 
 
 def chart(findings: Findings) -> Chart | Absent:
-    """A panel per task and varied hyperparameter: the best mean AUC at each of its values."""
+    """Return the figure: a panel per task and varied hyperparameter, with the best mean AUC at each value."""
     found = members(findings)
     first = {target: place for place, target in enumerate(targets(findings))}
     keys = sorted(found, key=lambda key: first.get(key[0], len(first)))
@@ -52,7 +52,7 @@ def chart(findings: Findings) -> Chart | Absent:
 def _panel(task: str, name: str, found: dict[Key, list[Group]]) -> Panel:
     mine = {key: groups for key, groups in found.items() if name in varied_names(groups)}
     values = sorted({_value(group, name) for groups in mine.values() for group in groups}, key=_order)
-    to_scale = len(values) > NAMED and all(isinstance(value, int | float) for value in values)
+    to_scale = len(values) > MAX_NAMED and all(isinstance(value, int | float) for value in values)
     places = {value: float(value) if to_scale else float(place) for place, value in enumerate(values)}
     series = tuple(
         _series(key, groups, name, places, "points" if to_scale else "linked") for key, groups in mine.items()
@@ -65,7 +65,7 @@ def _panel(task: str, name: str, found: dict[Key, list[Group]]) -> Panel:
 def _series(
     key: Key, groups: Sequence[Group], name: str, places: dict[Any, float], form: Literal["points", "linked"]
 ) -> Series:
-    """The best of an agent's configurations at each value of one hyperparameter."""
+    """Return the best of an agent's configurations at each value of one hyperparameter."""
     agent, source = key.agent, key.kind
     best = [(place, max(_with(groups, name, value), key=_auc, default=None)) for value, place in places.items()]
     shown = [(place, group.auc) for place, group in best if group and group.auc]
@@ -90,7 +90,7 @@ def _value(group: Group, name: str) -> Any:
 
 
 def _order(value: Any) -> tuple[bool, float, str]:
-    """Numbers by size, then words."""
+    """Return a sort key: numbers by size, then text."""
     number = isinstance(value, int | float)
     return not number, float(value) if number else 0.0, str(value)
 

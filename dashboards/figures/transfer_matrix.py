@@ -17,7 +17,7 @@ MARKS = {"helped": "▲ ", "hurt": "▼ "}
 
 
 def chart(findings: Findings) -> Matrix | Absent:
-    """A row per source, kind of source, pick and agent, a column per target; the best configuration of each."""
+    """Return the matrix: a row per source, kind, pick and agent, a column per target; best configurations only."""
     best = {group.key: group for group in in_order(findings.best) if group.against_base}
     columns = [target for target in targets(findings) if any(key.task == target for key in best)]
     if not columns:
@@ -31,7 +31,7 @@ def chart(findings: Findings) -> Matrix | Absent:
     caption = (
         "Transfer ratio of each agent's best configuration. ▲ transfer helped, ▼ it hurt (negative transfer): the "
     )
-    caption += "95 % interval of the paired difference in AUC lies on one side of 0. Without a mark nobody can tell."
+    caption += "95 % interval of the paired difference in AUC lies on one side of 0. Without a mark it is undecided."
     return Matrix(
         NAME,
         TITLE,
@@ -44,7 +44,7 @@ def chart(findings: Findings) -> Matrix | Absent:
 
 
 def _kind(row: Key, rows: Sequence[Key]) -> str:
-    """The kind of source; with the pick where another row differs in nothing else."""
+    """Return the kind of source, with the pick where another row differs in nothing else."""
     rivals = [other for other in rows if other._replace(pick="") == row._replace(pick="")]
     return row.kind if len(rivals) == 1 else f"{row.kind} ({row.pick})"
 

@@ -1,1 +1,1 @@
-"""Agents that act, as pictures that move."""
+"""Films of agents acting."""

@@ -1,4 +1,4 @@
-"""One greedy episode: what it returned, and what it looked like."""
+"""One greedy episode with its returns and images."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from trainables.training.policy import Policy
 Image = NDArray[np.uint8]
 """(height, width, 3)."""
 
-MOST_IMAGES = 160
-"""Most images that are kept of an episode; a longer one is shown in larger steps."""
-MOST_STEPS = 10_000
-"""Where an episode without a time limit is cut."""
+MAX_IMAGES = 160
+"""Images kept of an episode; a longer one skips steps."""
+MAX_STEPS = 10_000
+"""Steps after which an episode without a time limit is cut."""
 
 
 @dataclass(frozen=True)
@@ -33,28 +33,28 @@ class Episode:
 
     title: str
     returns: tuple[float, ...]
-    """The undiscounted return after each step, (T + 1,), from 0 on."""
+    """(T + 1,): the undiscounted return before the first step, which is 0, and after each."""
     terminated: bool
-    """Whether it has ended by itself, not at the time limit."""
+    """Whether it ended in a terminal state, not at the time limit."""
     stride: int = 1
     """Steps from one image to the next."""
     images: tuple[Image, ...] = ()
     """After every `stride` steps, and after the last one."""
     states: tuple[int, ...] = ()
-    """(T + 1,): of a tabular task."""
+    """(T + 1,): the states of a tabular task."""
 
     @property
     def steps(self) -> int:
-        """T."""
+        """T, its number of steps."""
         return len(self.returns) - 1
 
     def image(self, step: int) -> Image:
-        """Return what was to be seen after `step` steps, or at the end."""
+        """Return the image after `step` steps, or the last one."""
         return self.images[-1] if step >= self.steps else self.images[step // self.stride]
 
 
 def without_display() -> None:
-    """Let simulators draw without a display, where the environment says nothing else; before any is imported."""
+    """Set the environment variables with which simulators draw without a display. Call before any is imported."""
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     if "MUJOCO_GL" not in os.environ and not os.environ.get("DISPLAY"):
@@ -65,7 +65,7 @@ def without_display() -> None:
 
 
 def rendered(task: Task, title: str, policy: Policy, seed: int) -> Episode:
-    """Play one episode of an environment that renders; InputError for one that does not."""
+    """Play one episode and render it. Raises InputError for an environment that does not render."""
     made = make_env(task)
     render = renderer(made, task.name)
     images: list[Image] = []
@@ -76,18 +76,18 @@ def rendered(task: Task, title: str, policy: Policy, seed: int) -> Episode:
         while True:
             observation, reward, ended, truncated = env.step(policy(observation))
             returns.append(returns[-1] + reward)
-            over = ended or truncated or len(returns) > MOST_STEPS
+            over = ended or truncated or len(returns) > MAX_STEPS
             if (len(returns) - 1) % stride == 0 or over:
                 images.append(render())
             if over:
                 break
-            if len(images) > MOST_IMAGES:
+            if len(images) > MAX_IMAGES:
                 images, stride = images[::2], stride * 2
     return Episode(title, tuple(returns), ended, stride, tuple(images))
 
 
 def renderer(env: Any, name: str) -> Callable[[], Image]:
-    """Return what draws the environment as it stands; InputError for one that does not render, or cannot here."""
+    """Return a function that draws the current state. Raises InputError for an environment that cannot render."""
     inner = env.unwrapped
     if "rgb_array" not in (getattr(inner, "metadata", None) or {}).get("render_modes", ()):
         raise InputError(f"{name} cannot be played: its environment has no render mode 'rgb_array'")
@@ -97,16 +97,16 @@ def renderer(env: Any, name: str) -> Callable[[], Image]:
             inner.render_mode = "rgb_array"
             return np.asarray(inner.render(), np.uint8)[..., :3]
         except Exception as error:  # the environment's own code and its graphics library
-            said = " ".join(str(error).split()) or type(error).__name__
+            reason = " ".join(str(error).split()) or type(error).__name__
             mujoco = any("mujoco" in base.__module__ for base in type(inner).__mro__)
             needs = ": MuJoCo needs EGL or OSMesa to draw without a display" if mujoco else ""
-            raise InputError(f"{name} cannot be drawn here{needs} ({said})") from None
+            raise InputError(f"{name} cannot be drawn here{needs} ({reason})") from None
 
     return render
 
 
 def walked(task: Task, title: str, policy: Policy, seed: int) -> Episode:
-    """Play one episode of a tabular task, and keep its states."""
+    """Play one episode of a tabular task and record its states."""
     env = make_env(task)
     state, _ = env.reset(seed=seed)
     states, returns = [int(state)], [0.0]

@@ -12,24 +12,24 @@ import numpy as np
 from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
-from dashboards.play.episode import MOST_IMAGES, Episode, Image
+from dashboards.play.episode import MAX_IMAGES, Episode, Image
 from dashboards.play.gridworld import caption
 from trainables.errors import InputError
 
 SECONDS = 12.0
-"""A film of many steps lasts about so long."""
+"""Approximate length of a film of many steps."""
 FASTEST, SLOWEST = 25.0, 8.0
 """Images a second."""
 REST = 1.5
-"""Seconds for which the last image stays."""
+"""Seconds for which the last image is shown."""
 WIDTH, HEAD, GAP = 400, 40, 12
-"""Pixels: widest panel, room for two lines above it, room between two."""
+"""Pixels: the widest panel, the space for two lines above it, the space between two panels."""
 
 SUFFIXES = (".gif", ".mp4", ".png")
 
 
 def check_suffix(path: Path) -> None:
-    """Raise InputError for a file that no film can be written to, before any work."""
+    """Raise InputError for a file name that no film can be written to."""
     if path.suffix not in SUFFIXES:
         raise InputError(f"a film is a .gif, an .mp4, or a .png of its end (got '{path}')")
     if path.suffix == ".mp4" and shutil.which("ffmpeg") is None:
@@ -73,11 +73,11 @@ def _beside(each: Sequence[Pictures.Image]) -> Image:
 
 
 def write(images: Iterator[Image], path: Path) -> None:
-    """Write a film; the file's name says as what. Raises InputError as `check_suffix` does."""
+    """Write a film in the format of the file's suffix. Raises InputError as `check_suffix` does."""
     check_suffix(path)
     every = list(images)
-    if len(every) > MOST_IMAGES:
-        every = [*every[: -1 : -(-len(every) // MOST_IMAGES)], every[-1]]
+    if len(every) > MAX_IMAGES:
+        every = [*every[: -1 : -(-len(every) // MAX_IMAGES)], every[-1]]
     if path.suffix == ".png":
         Pictures.fromarray(every[-1]).save(path)
         return

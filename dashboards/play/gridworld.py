@@ -17,8 +17,8 @@ from dashboards.play.episode import Episode, Image
 from dashboards.renderers.matplotlib_renderer import SETTINGS
 from trainables.tasks.spec.family import Context
 
-WIND_ROOM = 4.2
-"""Rows below the grid for the wind's arrows."""
+WIND_ROWS = 4.2
+"""Height below the grid for the wind's arrows, in rows."""
 PATH, WIND = "#0072b2", "#4d4d4d"
 
 
@@ -27,7 +27,7 @@ Deltas = Sequence[NDArray[np.float64] | None]
 
 
 def images(context: Context, episodes: Sequence[Episode], deltas: Deltas) -> Iterator[Image]:
-    """Yield one image per step, an episode beside the other."""
+    """Yield one image per step, with the episodes side by side."""
     with matplotlib.rc_context({**SETTINGS, "axes.grid": False}):
         figure = Figure(figsize=(0.9 + 4.1 * len(episodes), 4.7), dpi=90, layout="constrained")
         canvas: Any = FigureCanvasAgg(figure)
@@ -60,7 +60,7 @@ def _heat(figure: Figure, axes: Sequence[Axes], deltas: Deltas, size: int) -> No
 def _grid(axes: Axes, context: Context, episode: Episode) -> None:
     wind = context["wind"]
     size = len(wind)
-    axes.set(xlim=(-0.5, size - 0.5), ylim=(size - 0.5 + WIND_ROOM, -0.5), xticks=[], yticks=[])
+    axes.set(xlim=(-0.5, size - 0.5), ylim=(size - 0.5 + WIND_ROWS, -0.5), xticks=[], yticks=[])
     axes.set_title(episode.title, fontsize=9)
     for side in axes.spines.values():
         side.set_visible(False)
@@ -81,7 +81,7 @@ def _grid(axes: Axes, context: Context, episode: Episode) -> None:
 
 
 def _moving(axes: Axes, context: Context) -> tuple[Any, ...]:
-    """Return what is drawn anew in each image, in that order: path, agent, caption, and the letters on top."""
+    """Return what changes from image to image, in drawing order: path, agent, caption, and the letters on top."""
     halo = [Stroke(linewidth=3.4, foreground="white"), Normal()]
     (path,) = axes.plot([], [], color=PATH, linewidth=1.8, animated=True, path_effects=halo, zorder=3)
     (head,) = axes.plot([], [], "o", color=PATH, markeredgecolor="white", markersize=8, animated=True, zorder=5)

@@ -1,4 +1,4 @@
-"""Playing a task: every actor's episode from the same seed, as one film."""
+"""Plays an episode of each actor from the same seed, and films them side by side."""
 
 from __future__ import annotations
 

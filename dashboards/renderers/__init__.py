@@ -1,1 +1,1 @@
-"""Renderers that draw a figure's data: matplotlib and Plotly."""
+"""Renderers of figures: matplotlib and Plotly."""

@@ -25,22 +25,22 @@ SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",
 }
 
-PANELS = 24
-"""Most panels of one printed figure: beyond, the report has them."""
+MAX_PANELS = 24
+"""Of one printed figure; the report has them all."""
 
 
-WORD = 30
-"""Most letters of a word in a legend of two columns."""
+MAX_LETTERS = 30
+"""Of an entry in a legend of two columns."""
 
 
 def draw(figure: Figure, sweep: str, folder: Path) -> list[Path]:
-    """Write a figure's PNG and SVG into `folder`, the same bytes for the same figure; none for an absent one."""
+    """Write a figure as PNG and SVG to `folder`, the same bytes for the same figure; nothing for an absent one."""
     sheet = drawing(figure, sweep)
     return _save(sheet, folder, figure.name) if sheet is not None else []
 
 
 def drawing(figure: Figure, sweep: str) -> Sheet | None:
-    """Return a figure as matplotlib draws it, None for an absent one."""
+    """Return a figure as a matplotlib Figure, or None for an absent one."""
     if isinstance(figure, Absent):
         return None
     matplotlib.rcParams.update(SETTINGS)
@@ -60,7 +60,7 @@ def _save(sheet: Sheet, folder: Path, name: str) -> list[Path]:
 
 
 def _plain(text: str) -> str:
-    """Text in which nothing is taken for a formula."""
+    """Return `text` escaped, so that matplotlib reads no formula in it."""
     return text.replace("$", r"\$")
 
 
@@ -75,7 +75,7 @@ def _grid(number: int, columns: int, width: float, height: float) -> tuple[Sheet
 
 
 def _chart(chart: Chart) -> Sheet:
-    panels = chart.panels[:PANELS]
+    panels = chart.panels[:MAX_PANELS]
     rows = max((len(panel.y_ticks) for panel in panels), default=0)
     named = max(_legend_rows(panel)[0] for panel in panels)
     height = 0.2 * rows + 1.2 if rows else 2.8 + 0.17 * named
@@ -86,9 +86,9 @@ def _chart(chart: Chart) -> Sheet:
 
 
 def _legend_rows(panel: Panel) -> tuple[int, int]:
-    """(rows, columns) of a panel's legend: two columns where its words are short."""
+    """Return (rows, columns) of a panel's legend: two columns where its entries are short."""
     words = [series.label for series in panel.series] + [level.label for level in panel.levels if level.label]
-    columns = 2 if max(map(len, words), default=0) <= WORD else 1
+    columns = 2 if max(map(len, words), default=0) <= MAX_LETTERS else 1
     return math.ceil(len(words) / columns), columns
 
 
@@ -138,7 +138,7 @@ def _line(axes: Axes, series: Series) -> None:
 
 
 def _errors(values: tuple[float | None, ...], band: Band | None) -> Any:
-    """Distances to the two ends of an interval, (2, n)."""
+    """Return the distances to the two ends of an interval, (2, n), or None."""
     if band is None:
         return None
     low, high = band

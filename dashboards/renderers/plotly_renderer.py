@@ -1,7 +1,7 @@
-"""Figures as Plotly's plain data, with names of colours that the page resolves for light and for dark.
+"""Figures as Plotly's plain data, with names of colours that the page replaces for its light and its dark theme.
 
-`@vermilion` is an agent's colour, `@vermilion/0.15` the same with that opacity, `@ink`, `@rule` and `@accent` are the
-page's own. Every text is escaped, since Plotly reads a little HTML.
+`@vermilion` is an agent's colour, `@vermilion/0.15` the same with that opacity, `@ink`, `@rule` and `@accent` are
+colours of the page. Every text is escaped, since Plotly interprets some HTML.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from dashboards.figure_model import Band, Chart, Figure, Level, Numbers, Panel, 
 from dashboards.style import key, look, rank
 
 Spec = dict[str, Any]
-"""What Plotly.newPlot takes, and for the page: target, title, height."""
+"""The arguments of Plotly.newPlot, and what the page needs: target, title, height."""
 
 
 def specs(figure: Figure) -> list[Spec]:
-    """One spec per panel; none for a matrix, which the page shows as a table, and for an absent figure."""
+    """Return one spec per panel; none for an absent figure, or for a matrix, which the page shows as a table."""
     if isinstance(figure, Chart):
         return [_panel(panel) for panel in figure.panels]
     return []
 
 
 def agents(figure: Figure) -> list[str]:
-    """The agents of a chart, for its legend."""
+    """Return the agents of a chart, for its legend."""
     if not isinstance(figure, Chart):
         return []
     return sorted({series.agent for panel in figure.panels for series in panel.series}, key=rank)
@@ -35,7 +35,7 @@ def _text(text: str) -> str:
 
 
 def _rounded(values: Numbers) -> list[float | None]:
-    """Five digits are more than a screen shows, and a third of the bytes."""
+    """Return the values in five digits: more than a screen shows, in a third of the bytes."""
     return [None if value is None else float(f"{value:.5g}") for value in values]
 
 
@@ -61,7 +61,7 @@ def _panel(panel: Panel) -> Spec:
 
 
 def _alt(panel: Panel) -> str:
-    """The panel in words: where each line ends, or where each point lies."""
+    """Return a panel in words: where each line begins and ends, or where the points are."""
     said = []
     for series in panel.series:
         if series.faint or not series.y:
@@ -119,14 +119,14 @@ def _points(series: Series) -> Spec:
 
 
 def _beside(x: float | None, series: Series) -> str:
-    """Where the word of a point stands: towards the middle, and over it except on a forest plot's row."""
+    """Return where the name of a point is: towards the middle, and above it except in a forest plot."""
     places = [place for place in series.x if place is not None]
     middle = 0.0 if series.x_band else (min(places) + max(places)) / 2
     return ("middle " if series.x_band else "top ") + ("left" if (x or 0.0) > middle else "right")
 
 
 def _band(series: Series) -> Spec:
-    """The interval as one closed outline: there along the top, back along the bottom."""
+    """Return the interval as one closed outline: along the top, and back along the bottom."""
     assert series.band is not None
     low, high = (_rounded(end) for end in series.band)
     x = _rounded(series.x)
@@ -158,7 +158,7 @@ def _shape(level: Level) -> Spec:
 
 
 def _mark(level: Level, number: int) -> Spec:
-    """The name of a level, at the right end and at the left in turn."""
+    """Return the name of a level, at the right and the left end in turn."""
     side = number % 2
     place = {
         "x": 1 - side,

@@ -1,4 +1,4 @@
-"""The page about the report: template, style and script, with every text escaped."""
+"""The HTML page of the report: template, style and script, with every text escaped."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SHAPES = {
 
 
 def swatch(agent: str) -> Markup:
-    """An agent's line and marker, as in the charts."""
+    """Return an agent's line and marker as SVG, as in the charts."""
     dash = " ".join(f"{length:g}" for length in look(agent).dash)
     drawing = Markup('<svg class="swatch" viewBox="0 0 28 12" width="28" height="12" aria-hidden="true" style="{}">')
     drawing += Markup('<path class="dash" d="M0 6h28" stroke-dasharray="{}"/><path class="mark" d="{}"/></svg>')
@@ -42,27 +42,27 @@ def swatch(agent: str) -> Markup:
 
 
 def breakable(text: str) -> Markup:
-    """Text whose line may break after a colon, as in the name of a task."""
+    """Return text whose line may break after a colon, as in the name of a task."""
     return escape(text).replace(":", Markup(":<wbr>"))
 
 
 def heading(text: str) -> Markup:
-    """A column's title with its unit, in brackets, on a line of its own."""
+    """Return a column's title with a line break before its unit in brackets."""
     return Markup(re.sub(r" (?=[\[(])", "<br>", str(escape(text))))
 
 
 def variable(agent: str) -> str:
-    """The name of an agent's colour in the style sheet."""
+    """Return the name of an agent's colour in the style sheet."""
     return f"--agent-{key(agent)}"
 
 
 def palette(shade: str) -> str:
-    """The agents' colours as declarations, for 'light' or 'dark'."""
+    """Return the agents' colours as CSS declarations, for 'light' or 'dark'."""
     return "".join(f"--agent-{name}:{getattr(each, shade)};" for name, each in PALETTE.items())
 
 
 def _files(findings: Findings, content: Sequence[dict[str, Any]]) -> dict[str, str]:
-    """What can be downloaded, by file name."""
+    """Return what the page offers for download, by file name."""
     blocks = [block for part in content for block in part["blocks"]]
     tables: list[Table] = [block["table"] for block in blocks if block["kind"] == "table"]
     name = findings.results.name

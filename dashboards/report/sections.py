@@ -1,4 +1,4 @@
-"""The report: one HTML file with everything in it, from the results table alone."""
+"""The report: one self-contained HTML file, from the results table alone."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from orchestrator.analysis.paper_table1 import table_1 as paper_row
 
 log = logging.getLogger("deltatune.report")
 
-FACETS = 4
-"""Most panels of a chart that stand beside each other for several targets; beyond, one target is shown at a time."""
+MAX_FACETS = 4
+"""Panels of a chart shown together for several targets; with more, one target is shown at a time."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """One section of the report: words, then tables and figures in order."""
+    """One section of the report: a text, then tables and figures in order."""
 
     id: str
     title: str
@@ -46,9 +46,9 @@ class Section:
 
 
 def figures(findings: Findings, missing: list[str] | None = None) -> list[Figure]:
-    """Return every figure, those too that the sweep has no data for.
+    """Return every figure, as Absent where the sweep has no data for it.
 
-    One that raises is absent, and the others are drawn all the same; `missing` is told of it in a sentence.
+    A figure that raises is Absent too, and `missing` gets a sentence on it; the others are drawn all the same.
     """
     charts = (transfer_matrix, evaluation_curves, delta_effect, gate, forest, sensitivity, advice_fraction)
     wanted: list[tuple[str, str, Callable[[Findings], Figure]]]
@@ -63,7 +63,7 @@ def figures(findings: Findings, missing: list[str] | None = None) -> list[Figure
 
 
 def _failed(name: str, title: str, error: Exception, missing: list[str] | None) -> Absent:
-    """Return what stands in for a figure that could not be drawn."""
+    """Return the placeholder of a figure that could not be drawn."""
     log.error("the figure %s could not be drawn", name, exc_info=error)
     if missing is not None:
         missing.append(f"{name} ({type(error).__name__}: {error})")
@@ -71,7 +71,7 @@ def _failed(name: str, title: str, error: Exception, missing: list[str] | None) 
 
 
 def sections(findings: Findings, drawn: list[Figure]) -> list[Section]:
-    """The sections in their order."""
+    """Return the sections in order."""
     of = {figure.name: figure for figure in drawn}
     correlations = _correlations(findings)
     return [
@@ -87,24 +87,22 @@ def sections(findings: Findings, drawn: list[Figure]) -> list[Section]:
 
 
 _EFFECT = (
-    "If delta tells when to transfer, its size falls as the transfer ratio rises: a rank correlation near −1. "
-    "The interval resamples targets; with few of them it is wide, as it should be."
+    "If delta predicts when to transfer, its size falls as the transfer ratio rises: a rank correlation near −1. "
+    "The interval is a bootstrap over targets; with few targets it is wide, as it should be."
 )
 
 
 def _table_lead(findings: Findings) -> str:
     if not findings.best:
         return ""
-    text = (
-        "The best configuration of each agent by mean AUC over seeds; transfer against the same agent's base without "
-    )
-    text += "transfer, paired by seed. An AUC is the mean of the greedy evaluation curve."
+    text = "The best configuration of each agent by mean AUC over seeds, compared with its baseline without transfer, "
+    text += "paired by seed. AUC is the mean of the greedy evaluation curve."
     if any(selected.tried > 1 for selected in findings.selected.values()):
-        text += " Where several were tried, the seeds that chose the best also judge it, which flatters it a little."
+        text += " Where several were tried, the best was selected on the seeds that also evaluate it: a small bias."
     text += f" All with {settings_text(findings.common)}." if findings.common else ""
     ours = [group for group in findings.best if paper_row(group)]
     if ours and not any(same_row(group) for group in ours):
-        text += " The paper's own numbers are left out: these rows are not at its settings."
+        text += " The paper's numbers are left out, since no row has its settings."
     return text
 
 
@@ -123,12 +121,12 @@ def _correlations(findings: Findings) -> tuple[Table | Figure, ...]:
     found = delta_effect.correlations(delta_effect.pairs(findings))
     if found and all(one.rho is None for one in found):
         most = max(one.targets for one in found)
-        reason = f"A rank correlation needs three targets that differ; no agent has more than {most} here."
+        reason = f"A rank correlation needs three different targets; no agent has more than {most} here."
         return (Absent("rank_correlation", "Rank correlation", reason),)
     rows, records = [], []
     for one in found:
         rho = one.rho
-        text = "undefined (needs three targets that differ)" if rho is None else f"{rho.value:+.2f}"
+        text = "undefined (needs three different targets)" if rho is None else f"{rho.value:+.2f}"
         text += "" if rho is None or rho.low is None else f" [{rho.low:+.2f}, {rho.high:+.2f}]"
         source = SOURCES.get(one.source, one.source)
         name, number = Datum(one.agent, one.agent, agent=one.agent), Datum(str(one.targets), one.targets)
@@ -155,7 +153,7 @@ def _cells(findings: Findings) -> tuple[Table | Figure, ...]:
 
 
 def winners(findings: Findings) -> list[Group]:
-    """The best configuration of all agents on each target."""
+    """Return the best configuration over all agents on each target."""
     best = []
     for target in targets(findings):
         here = [group for group in findings.best if group.task == target and group.auc]
@@ -165,7 +163,7 @@ def winners(findings: Findings) -> list[Group]:
 
 
 def block(item: Table | Figure, specs: list[plotly_renderer.Spec], missing: list[str] | None = None) -> dict[str, Any]:
-    """Return what the template needs for one table or figure; the panels' specs are added to `specs`."""
+    """Return the template's data for one table or figure; the specs of its panels are appended to `specs`."""
     if isinstance(item, Table):
         return {"kind": "table", "table": item}
     if isinstance(item, Absent):
@@ -178,10 +176,11 @@ def block(item: Table | Figure, specs: list[plotly_renderer.Spec], missing: list
     except Exception as error:
         del specs[first:]
         return {"kind": "absent", "figure": _failed(item.name, item.title, error, missing)}
-    own = list(enumerate(specs[first:], first))
-    names = list(dict.fromkeys(spec["target"] for _, spec in own))
-    choose = names if len(own) > FACETS and len(names) > 1 else []
-    return {"kind": "chart", "figure": item, "panels": own, "agents": plotly_renderer.agents(item), "targets": choose}
+    panels = list(enumerate(specs[first:], first))
+    names = list(dict.fromkeys(spec["target"] for _, spec in panels))
+    choose = names if len(panels) > MAX_FACETS and len(names) > 1 else []
+    agents = plotly_renderer.agents(item)
+    return {"kind": "chart", "figure": item, "panels": panels, "agents": agents, "targets": choose}
 
 
 def _lines(item: Matrix) -> list[tuple[tuple[str, str, str], list[tuple[str, str]]]]:

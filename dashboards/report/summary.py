@@ -1,4 +1,4 @@
-"""What the report says first: what the sweep was, and what came of it."""
+"""The head of the report: how the sweep was run, and its main results."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from search_spaces.search_space import SearchSpace
 
 STATUSES = ("done", "failed", "missing", "stopped")
 CHANGES = "+changes"
-"""What provenance puts behind a commit whose tree was changed."""
+"""The suffix of a commit whose working tree had uncommitted changes."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """The answer in a few lines."""
+    """How often transfer helped or hurt, and the best configuration on each target."""
 
     helped: int
     hurt: int
@@ -30,7 +30,7 @@ class Summary:
 
 
 def stamp(findings: Findings) -> list[tuple[str, str]]:
-    """(term, value) pairs: where the results come from."""
+    """Return (term, value) pairs on the origin of the results: commit, versions, seeds, budget."""
     meta, space = findings.results.meta(), findings.results.space()
     commit, dirty = str(meta["commit"]).removesuffix(CHANGES), str(meta["commit"]).endswith(CHANGES)
     created = datetime.fromtimestamp(meta["created"], UTC).strftime("%Y-%m-%d %H:%M UTC")
@@ -65,7 +65,7 @@ def _budget(findings: Findings, space: SearchSpace, hours: float) -> str:
 
 
 def summary(findings: Findings, winners: Sequence[Group]) -> Summary:
-    """How often transfer helped, and what is best on each target."""
+    """Return how often transfer helped, and a sentence on the best configuration of each target."""
     verdicts = Counter(group.verdict for group in findings.best)
     lines = tuple((group.task, group.agent, _sentence(group, findings.common)) for group in winners)
     return Summary(verdicts["helped"], verdicts["hurt"], verdicts["undecided"], lines)

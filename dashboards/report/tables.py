@@ -1,4 +1,4 @@
-"""The tables of the report: what is shown, what it is sorted by, and the same in full precision as CSV."""
+"""The tables of the report: texts, sort keys, and the same numbers in full precision as CSV."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from orchestrator.analysis.metrics import shown as shown_metrics
 from orchestrator.analysis.paper_table1 import same_row
 from orchestrator.analysis.summary_table import numbers
 
-FAILURES = 300
-"""Most cells that are listed one by one; the CSV has them all."""
+MAX_FAILURES = 300
+"""Failed cells listed in the page; the CSV has them all."""
 
 CAUSES = {
     "missing": "not run, or its sweep was interrupted",
-    "stopped": "ended early by the scheduler: an AUC of a shorter curve, compared with nothing",
+    "stopped": "stopped early by the scheduler: its curve is shorter, so its AUC is compared with no other",
 }
 
 
@@ -33,11 +33,11 @@ class Datum:
 
     text: str
     sort: float | str | None = None
-    """What it is sorted by; None: at the end."""
+    """The sort key; None: at the end."""
     agent: str = ""
-    """Whose swatch stands before it."""
+    """The agent whose swatch precedes the text; empty: none."""
     mark: str = ""
-    """helped or hurt: green or red, and a mark for who sees neither."""
+    """helped or hurt: green or red, with a symbol for colour-blind readers."""
     code: bool = False
 
 
@@ -48,7 +48,7 @@ class Table:
     id: str
     caption: str
     columns: tuple[tuple[str, bool], ...]
-    """(title, whether its column is of numbers)."""
+    """(title, whether the column is numeric)."""
     rows: tuple[tuple[Datum, ...], ...]
     csv: str
     folded: bool = False
@@ -56,7 +56,7 @@ class Table:
 
 
 def table_1(findings: Findings, groups: Sequence[Group], name: str, caption: str, folded: bool = False) -> Table:
-    """Groups with AUC, transfer ratio, difference and probability of improvement, and the paper's where it has them."""
+    """Return configurations with AUC, transfer ratio, difference, P(improvement), and the paper's numbers if any."""
     place = {task: number for number, task in enumerate(dict.fromkeys(group.task for group in findings.groups))}
     shown = sorted(in_order(groups), key=lambda group: place[group.task])
     paper = any(same_row(group) for group in shown)
@@ -82,7 +82,7 @@ def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
 
 
 def _datum(metric: Metric, group: Group) -> Datum:
-    """One metric of a group; the transfer ratio has the mark of its verdict."""
+    """Return one metric of a group; the transfer ratio has the mark of its verdict."""
     estimate = group.estimates.get(metric.key)
     mark = (group.verdict or "") if metric is TRANSFER_RATIO else ""
     return Datum(minus(metric.text(estimate, missing="–")), estimate.value if estimate else None, mark=mark)
@@ -98,14 +98,14 @@ def _records(groups: Iterable[Group]) -> list[dict[str, Any]]:
 
 
 def _record(group: Group) -> dict[str, Any]:
-    """A group's line of the CSV: every number by itself and in full, and the paper's where it has them."""
+    """Return a group's row of the CSV: each number in a column and in full precision, the paper's included."""
     paper = same_row(group)
     record = numbers(group) | {"paper_auc": paper.auc if paper else None, "paper_sd": paper.sd if paper else None}
     return record | {"paper_transfer_ratio_percent": paper.transfer_ratio if paper else None}
 
 
 def text_csv(records: Sequence[dict[str, Any]]) -> str:
-    """Records as CSV; a text that a spreadsheet would take for a formula gets an apostrophe before it."""
+    """Return records as CSV; text that a spreadsheet would read as a formula gets a leading apostrophe."""
     if not records:
         return ""
     file = io.StringIO()
@@ -120,7 +120,7 @@ def _harmless(value: Any) -> Any:
 
 
 def unfinished(cells: pd.DataFrame) -> Table | None:
-    """The cells that failed, are missing or were stopped, with their causes; None where all are done."""
+    """Return the cells that failed, are missing or were stopped, with their causes; None where all are done."""
     rest = cells[cells["status"] != "done"] if len(cells) else cells
     if rest.empty:
         return None
@@ -128,8 +128,8 @@ def unfinished(cells: pd.DataFrame) -> Table | None:
     rest = rest.sort_values("status", key=lambda column: column.map(order), kind="stable")
     names = ["status", "task", "agent", "source", "seed", "cell_id"]
     records = [{**{n: row[n] for n in names}, "cause": _cause(row)} for row in rest.to_dict("records")]
-    rows = tuple(_failure(record) for record in records[:FAILURES])
-    listed = "every one" if len(records) <= FAILURES else f"the first {FAILURES}; the CSV has them all"
+    rows = tuple(_failure(record) for record in records[:MAX_FAILURES])
+    listed = "every one" if len(records) <= MAX_FAILURES else f"the first {MAX_FAILURES}; the CSV has them all"
     caption = f"{len(records)} cells without a finished evaluation curve: {listed}. None of them is in any average."
     columns = tuple((name.replace("_id", ""), name == "seed") for name in (*names, "cause"))
     return Table("unfinished", caption, columns, rows, text_csv(records))

@@ -22,7 +22,7 @@ from trainables.tasks.spec.family import Task
 from trainables.training.policy import Policy, source_policy
 from trainables.training.train import source_knowledge, train
 
-MOST_SOURCES = 3
+MAX_SOURCES = 3
 """Most sources beside an agent that chooses among several."""
 
 
@@ -85,7 +85,7 @@ def _trained(cell: Cell, library: SourceLibrary, target: Task) -> tuple[Actor, .
         pass
     actors = []
     each = parts(source, len(cell.sources)) if source is not None else []
-    for number, knowledge in enumerate(each[:MOST_SOURCES]):
+    for number, knowledge in enumerate(each[:MAX_SOURCES]):
         origin = cell.sources[number]
         trained_by = library.entry(origin.cell_id).cell if origin.cell_id else cell
         title = f"{origin.kind} source: {short(origin.task)}"

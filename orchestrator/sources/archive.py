@@ -18,9 +18,9 @@ from trainables.storage.files import read_file
 
 MANIFEST = "manifest.json"
 SCHEMA = 1
-MOST_BYTES = 2**30
+MAX_BYTES = 2**30
 """Largest unpacked size of an archive that is read."""
-MOST_SOURCES = 10_000
+MAX_SOURCES = 10_000
 
 _NAME = re.compile(r"[0-9a-f]{16}\.npz")
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -73,13 +73,13 @@ def _named(entry: Entry, name: str) -> bool:
 def _members(path: Path) -> dict[str, bytes]:
     """The library files in an archive by name, each agreeing with its checksum."""
     try:
-        with zipfile.ZipFile(io.BytesIO(read_file(path, MOST_BYTES))) as archive:
+        with zipfile.ZipFile(io.BytesIO(read_file(path, MAX_BYTES))) as archive:
             infos = archive.infolist()
             size = sum(info.file_size for info in infos)
-            if size > MOST_BYTES or len(infos) > MOST_SOURCES:
+            if size > MAX_BYTES or len(infos) > MAX_SOURCES:
                 raise InputError(
                     f"{path} unpacks to {size} bytes in {len(infos)} files, "
-                    f"more than {MOST_BYTES} bytes in {MOST_SOURCES} files"
+                    f"more than {MAX_BYTES} bytes in {MAX_SOURCES} files"
                 )
             rows = _manifest(path, _read(archive, MANIFEST))
             members = {str(row.get("file")): _read(archive, str(row.get("file"))) for row in rows}

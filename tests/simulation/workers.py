@@ -27,7 +27,7 @@ WORKERS = 3
 TIME_LIMIT = 100.0
 """Seconds that a cell may take; those that do not hang take less."""
 
-MOST_LOSSES = 2
+MAX_LOSSES = 2
 """Losses of a healthy cell's worker in one life of a driver: one more, and it would fail."""
 
 
@@ -123,7 +123,7 @@ class Workers:
         double = world.chance("double outcome")
         told += [(at + rng.uniform(0, 40), report) for at, report in told if double and isinstance(report, Ended)]
         told.append(completed)
-        spared = any(self._losses.get(cell.id, 0) >= MOST_LOSSES for cell in pack.cells)
+        spared = any(self._losses.get(cell.id, 0) >= MAX_LOSSES for cell in pack.cells)
         if not spared and world.chance("lost worker"):
             for cell in pack.cells:
                 self._losses[cell.id] = self._losses.get(cell.id, 0) + 1

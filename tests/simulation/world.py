@@ -13,7 +13,7 @@ from typing import Any
 
 import greenlet
 
-MOST_TURNS = 200_000
+MAX_TURNS = 200_000
 """Turns after which a run is taken for stuck."""
 
 EPOCH = 1_700_000_000.0
@@ -106,7 +106,7 @@ class World:
         """Run until all tasks have ended."""
         while self.tasks:
             self.turns += 1
-            if self.turns > MOST_TURNS:
+            if self.turns > MAX_TURNS:
                 raise StuckError(f"after {self.now:.0f} s of virtual time it does not end")
             ready = [task for task in self.tasks if self._due(task)]
             if ready:

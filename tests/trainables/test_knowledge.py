@@ -75,7 +75,7 @@ def test_an_altered_value_with_a_good_zip_checksum_is_refused() -> None:
 def test_a_small_file_that_unpacks_to_more_than_the_limit_is_refused(monkeypatch) -> None:
     data = Knowledge({"q": np.zeros((1000, 100))}).to_bytes()
     assert len(data) < 10_000
-    monkeypatch.setattr("trainables.knowledge.MOST_BYTES", 100_000)
+    monkeypatch.setattr("trainables.knowledge.MAX_BYTES", 100_000)
     with pytest.raises(InputError, match=r"unpacks to 80\d{4} bytes, more than 100000"):
         Knowledge.from_bytes(data)
 

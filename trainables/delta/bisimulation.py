@@ -22,7 +22,7 @@ I64 = NDArray[np.int64]
 
 TOLERANCE = 1e-3
 """Largest change in the last sweep, as a share of the largest distance possible times 1 - gamma."""
-MOST_PAIRS = 1_000_000
+MAX_PAIRS = 1_000_000
 ROUNDS, SWEEPS = 100, 300
 
 
@@ -101,11 +101,11 @@ def _solve(
 def distances(source: TransitionModel, target: TransitionModel, gamma: float) -> F64:
     """The bound (S, T) between every state of one task and every state of the other, which share their actions.
 
-    Raises InputError where there are more than MOST_PAIRS pairs of states.
+    Raises InputError where there are more than MAX_PAIRS pairs of states.
     """
     states, others = len(source.rewards), len(target.rewards)
-    if states * others > MOST_PAIRS:
-        raise InputError(f"bisimulation of {states} and {others} states has {states * others} pairs, over {MOST_PAIRS}")
+    if states * others > MAX_PAIRS:
+        raise InputError(f"bisimulation of {states} and {others} states has {states * others} pairs, over {MAX_PAIRS}")
     d = np.zeros((states, others))
     most = float(max(source.rewards.max(), target.rewards.max()) - min(source.rewards.min(), target.rewards.min()))
     _solve(*_ordered(source), *_ordered(target), source.rewards, target.rewards, gamma, TOLERANCE * max(most, 1e-9), d)

@@ -13,7 +13,7 @@ import numpy as np
 
 from trainables.numerics.jit import compiled
 from trainables.numerics.matmul import F32, I64, padded
-from trainables.numerics.simd import MOST_WIDTH, WIDTH
+from trainables.numerics.simd import MAX_WIDTH, WIDTH
 
 
 class Workspace(NamedTuple):
@@ -62,7 +62,7 @@ def workspace(sizes: I64, batch: int) -> Workspace:
         values=aligned(int(sizes.sum()) * columns),
         errors=aligned(units * columns),
         gradient=aligned(parameter_count(sizes)),
-        panel=aligned(2 * longest * MOST_WIDTH),
+        panel=aligned(2 * longest * MAX_WIDTH),
         active=np.zeros(int(sizes.sum()), np.int64),
         counts=np.zeros(len(sizes), np.int64),
         lists=np.zeros(LISTS * longest, np.int64),
@@ -73,7 +73,7 @@ def workspace(sizes: I64, batch: int) -> Workspace:
 
 
 def _whole(count: int) -> int:
-    return -(-count // MOST_WIDTH) * MOST_WIDTH
+    return -(-count // MAX_WIDTH) * MAX_WIDTH
 
 
 @compiled

@@ -38,7 +38,7 @@ ROWS, VECTORS, WORD = _host_tile()
 WIDTH = VECTORS * WORD
 """Columns of a packed panel."""
 
-MOST_WIDTH = 32
+MAX_WIDTH = 32
 """Columns of the widest panel of any machine. Room is made for that: kernels in a shared cache may be another one's."""
 
 

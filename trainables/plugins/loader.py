@@ -22,7 +22,7 @@ from trainables.plugins.names import FileName, by_file, file_name
 from trainables.storage.files import read_file
 from trainables.storage.paths import is_file
 
-MOST_BYTES = 10 * 2**20
+MAX_BYTES = 10 * 2**20
 """Largest file of custom code."""
 
 
@@ -76,7 +76,7 @@ def pin(text: str, folders: Iterable[Path] = (Path(),)) -> str:
 def load_file(path: str | Path, expected: str = "") -> str:
     """Run a file, unless it has been run already, and return its pin; InputError as for `pin`."""
     path = Path(path)
-    source = read_file(path, MOST_BYTES)
+    source = read_file(path, MAX_BYTES)
     found = pin_of(source)
     if expected not in ("", found):
         raise InputError(f"{path} is no longer the file that was used: it is {path.name}@{found}, not @{expected}")

@@ -51,11 +51,11 @@ def add(
     as_json: Json = False,
 ) -> None:
     """Add one library file, from another storage folder for instance."""
-    from orchestrator.sources.archive import MOST_BYTES
+    from orchestrator.sources.archive import MAX_BYTES
     from orchestrator.sources.library import SourceLibrary
     from trainables.storage.files import read_file
 
-    entry = SourceLibrary(storage).add(read_file(file, MOST_BYTES), str(file))
+    entry = SourceLibrary(storage).add(read_file(file, MAX_BYTES), str(file))
     if as_json:
         print_json({"added": entry.id, "cell": entry.cell.to_json()})
         return

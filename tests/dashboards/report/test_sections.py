@@ -155,7 +155,7 @@ def test_cells_that_are_not_done_are_shown_with_their_causes(tmp_path: Path) -> 
         "1 stopped",
         "the loss is NaN",
         "not run, or its sweep",
-        "ended early by the",
+        "stopped early by the",
     ):
         assert shown in text
 

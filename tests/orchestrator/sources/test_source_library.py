@@ -155,7 +155,7 @@ def test_no_name_in_an_archive_becomes_a_path(tmp_path: Path, name: str) -> None
 
 
 def test_an_archive_that_unpacks_to_more_than_the_limit_is_refused_unread(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("orchestrator.sources.archive.MOST_BYTES", 10_000)
+    monkeypatch.setattr("orchestrator.sources.archive.MAX_BYTES", 10_000)
     path = _archive(tmp_path / "bomb.zip", {"0123456789abcdef.npz": b"\0" * 1_000_000}, {})
     assert path.stat().st_size < 10_000
     with pytest.raises(InputError, match="unpacks to 10000"):

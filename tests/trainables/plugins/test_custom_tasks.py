@@ -45,7 +45,7 @@ def chain(slip: float = 0.1) -> TransitionModel:
 CHAIN = """
 import sys
 sys.path.insert(0, {here!r})
-from test_own_tasks import chain
+from test_custom_tasks import chain
 from trainables.custom import feature, tabular_task
 Task = tabular_task(chain, feature("slip", 0.1, 0, 0.9), episodes=200, targets=("slip=0.5",))
 """
