@@ -68,9 +68,7 @@ def starter(typed: str, name: str, file: str, quick: bool = False) -> str:
         kinds="kinds: [learned, exact]  # trained by the agent above; by value iteration"
         if task.tabular
         else "pick: best_evaluated  # the best network of all seeds; or own_seed",
-        seeds="2  # a quick look; 5 or more for results"
-        if quick
-        else "5  # 0 to 4; more seeds, narrower intervals",
+        seeds="2  # a quick look; 5 or more for results" if quick else "5  # 0 to 4; more seeds, narrower intervals",
         rates=("[0.5]" if quick else "[0.5, 0.1]") if task.tabular else "[1.0e-3]" if quick else "[1.0e-3, 1.0e-4]",
         targets="\n".join(f"      - {target}" for target in targets),
         features=", ".join(feature.name for feature in task.family.features) or "none",

@@ -71,11 +71,11 @@ def publish(
 
     Other sweeps that the dataset has stay in it; an older state of these is replaced.
     """
-    from deltatune.cli.app import told_damage
+    from deltatune.cli.app import warn_of_damage
     from orchestrator.dataset.publication import write
     from orchestrator.results.sweep_folder import Results
 
-    opened = [told_damage(Results.open(storage, sweep)) for sweep in sweeps]
+    opened = [warn_of_damage(Results.open(storage, sweep)) for sweep in sweeps]
     try:
         text = remarks.read_text() if remarks else ""
     except (OSError, UnicodeError) as error:
