@@ -1,1 +1,1 @@
-"""Who runs it: plans, sweeps, results, statistics, tracking and the command line."""
+"""Plans and runs sweeps, keeps their results, and computes statistics, exports and MLflow copies from them."""

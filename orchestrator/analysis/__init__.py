@@ -1,1 +1,1 @@
-"""Statistics over seeds, selection, and what a sweep found."""
+"""Statistics over seeds, selection of configurations, and comparisons."""

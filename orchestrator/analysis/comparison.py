@@ -1,4 +1,4 @@
-"""Two sweeps beside each other: their best configurations, task by task."""
+"""Comparison of two sweeps: their best configurations, task by task."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from orchestrator.analysis.statistics import Estimate
 
 @dataclass(frozen=True)
 class Row:
-    """What both sweeps have: a task, an agent and a source."""
+    """A task, agent and source that both sweeps have."""
 
     task: str
     agent: str
@@ -30,7 +30,7 @@ class Row:
 
 @dataclass(frozen=True)
 class SweepComparison:
-    """The rows that two sweeps share, and what only one of them has."""
+    """The rows that two sweeps share, and the arms that only one of them has."""
 
     rows: tuple[Row, ...]
     only_first: tuple[str, ...]
@@ -38,7 +38,7 @@ class SweepComparison:
 
 
 def compare(first: Findings, second: Findings) -> SweepComparison:
-    """Return the best configurations of both sweeps beside each other."""
+    """Return the comparison of the best configurations of two sweeps."""
     mine, theirs = ({key: selected.best for key, selected in each.selected.items()} for each in (first, second))
     rows = tuple(_row(mine[key], theirs[key], first, second) for key in mine if key in theirs)
     return SweepComparison(

@@ -1,4 +1,4 @@
-"""Evaluation curves over seeds: their mean and band."""
+"""Evaluation curves over seeds: mean and interval."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NO_CURVE = pd.DataFrame({"episode": [], "mean": [], "low": [], "high": []})
 
 
 def mean_curves(points: pd.DataFrame, cells: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """`curve_bands` of the greedy return of every group with a done cell, by group."""
+    """Return the mean curve of the greedy return for every group with a done cell, by group id."""
     names = cells.loc[cells["status"] == "done", "group"].unique()
     curves = curve_bands(points, cells, [str(name) for name in names], ["greedy_return"])
     return {group: curve for (group, _), curve in curves.items()}
@@ -24,9 +24,9 @@ def mean_curves(points: pd.DataFrame, cells: pd.DataFrame) -> dict[str, pd.DataF
 def curve_bands(
     points: pd.DataFrame, cells: pd.DataFrame, groups: Collection[str], columns: Collection[str]
 ) -> dict[tuple[str, str], pd.DataFrame]:
-    """(episode, mean, low, high) over the done seeds of each (group, column), with Student's t interval at each point.
+    """Return (episode, mean, low, high) over the done seeds of each (group, column), with Student's t intervals.
 
-    All in one pass over the points; an empty table where a group's points lack the column.
+    One pass over the points computes all. The table is empty where a group's points lack the column.
     """
     there = [column for column in columns if column in points]
     if not groups or not there:
@@ -45,7 +45,7 @@ def curve_bands(
 
 
 def _band(table: pd.DataFrame) -> pd.DataFrame:
-    """(mean, std, count) by episode to (episode, mean, low, high)."""
+    """Return (episode, mean, low, high) for a table of (mean, std, count) by episode."""
     table = table[table["count"] > 0].reset_index()
     t = stats.t.ppf((1 + statistics.LEVEL) / 2, np.maximum(table["count"] - 1, 1))
     half = np.where(table["count"] > 1, t * table["std"].fillna(0.0) / np.sqrt(table["count"]), 0.0)

@@ -1,4 +1,4 @@
-"""What a sweep's tables say, worked out once: figures, the report, exports and MLflow are all drawn from it."""
+"""The analysis of a sweep's tables, computed once for figures, the report, exports and MLflow."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Findings:
 
     @cached_property
     def common(self) -> Mapping[str, Any]:
-        """The hyperparameters beside the defaults that every configuration has: said once, not in every row."""
+        """The non-default hyperparameters that all configurations share; tables state them once, not in every row."""
         return shared(self.groups)
 
     @property
@@ -45,7 +45,7 @@ class Findings:
 
 
 def find(results: Results, tables: tuple[pd.DataFrame, pd.DataFrame] | None = None) -> Findings:
-    """The findings of a sweep, from `tables` (cells, points) where they are at hand already."""
+    """Return the findings of a sweep; `tables` are its (cells, points) if they are loaded already."""
     cells, points = tables or results.tables()
     every = groups(cells)
     return Findings(results, cells, points, every, select(every, cells))

@@ -1,4 +1,4 @@
-"""From cells to groups: one row per (task, agent, source, hyperparameters), over its seeds."""
+"""Groups: the configurations of a sweep, each (task, agent, source, hyperparameters) over its seeds."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from trainables.plugins.names import short
 Values = Mapping[str, Any]
 
 Verdict = Literal["helped", "hurt", "undecided"]
-"""What a comparison with the agent without transfer came to."""
+"""The result of a comparison with the agent without transfer."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A group with transfer against the group without, paired by the seeds that both have."""
+    """A group with transfer compared with the group without, paired by the seeds that both have."""
 
     seeds: int
     transfer_ratio: TransferRatio
@@ -33,7 +33,7 @@ class Comparison:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether transfer helped or hurt: the interval of the difference in AUC lies on one side of 0."""
+        """The verdict: helped or hurt where the interval of the difference in AUC lies on one side of 0, else undecided."""
         low, high = self.difference.low, self.difference.high
         if low is None or high is None or low <= 0 <= high:
             return "undecided"
@@ -56,27 +56,27 @@ class Group:
     """Seeds that are done."""
     failed: int
     stopped: int
-    """Cells that a scheduler has ended early; their AUC is of a shorter curve and compared with nothing."""
+    """Cells that a scheduler has stopped early; their curves are shorter, so their AUC is compared with no other."""
     missing: int
     estimates: Mapping[str, Estimate | TransferRatio]
-    """Metric.key to its estimate over seeds; those that the configuration has no data for are left out."""
+    """Metric.key to its estimate over seeds; metrics without data are left out."""
     against_base: Comparison | None
-    """None for an agent without transfer, and where the one without transfer is not in the sweep."""
+    """None for an agent without transfer, and where the sweep has no agent without transfer to compare with."""
     nothing: str | None = None
-    """That it learned nothing, in a sentence; only ever of an agent without transfer."""
+    """A sentence if an agent without transfer learned nothing, else None."""
     pick: str = ""
-    """Whose knowledge a seed got, where that is known."""
+    """Which source's knowledge a seed got (own_seed, best_evaluated or a seed); empty where that is not known."""
     source_label: str = ""
-    """`source`, with the source task and the pick where the sweep has several for the task and agent."""
+    """`source`, with source task and pick where the sweep has several sources for the task and agent."""
 
     @property
     def key(self) -> Key:
-        """The arm that it is a configuration of."""
+        """The key of its arm."""
         return Key(self.task, self.agent, self.source_task or "", self.source, self.pick)
 
     @property
     def auc(self) -> Estimate | None:
-        """Mean over seeds, with its sd; None where no cell is done."""
+        """The mean AUC over seeds with its sd; None where no cell is done."""
         return self.estimate("auc")
 
     def estimate(self, key: str) -> Estimate | None:
@@ -86,17 +86,17 @@ class Group:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Its comparison's verdict; None where it is compared with nothing."""
+        """The verdict of its comparison; None without a comparison."""
         return self.against_base.verdict if self.against_base else None
 
     @property
     def complete(self) -> bool:
-        """Whether every seed is done: only such a group is ever selected."""
+        """Whether every seed is done; only complete groups are selected."""
         return bool(self.seeds) and not self.failed and not self.stopped and not self.missing
 
 
 def groups(cells: pd.DataFrame) -> list[Group]:
-    """The groups of a cells table, in its order."""
+    """Return the groups of a cells table, in its order."""
     if cells.empty:
         return []
     frames: dict[str, pd.DataFrame] = {str(key): frame for key, frame in cells.groupby("group", sort=False)}
@@ -107,7 +107,7 @@ def groups(cells: pd.DataFrame) -> list[Group]:
 
 
 def _source_label(group: Group, arms: Collection[Key]) -> str:
-    """The kind of source, with what tells it from the others that the agent has on the task."""
+    """Return the kind of source, with what distinguishes it from the agent's other sources on the task."""
     rivals = [key for key in arms if (key.task, key.agent, key.kind) == (group.task, group.agent, group.source)]
     text = group.source
     if group.source_task and len({key.source_task for key in rivals}) > 1:
@@ -118,7 +118,7 @@ def _source_label(group: Group, arms: Collection[Key]) -> str:
 
 
 def _base_key(row: pd.Series, agent: str | None = None) -> tuple[str, str, str]:
-    """(task, agent, hyperparameters): what a cell without transfer must share with a cell that is held against it."""
+    """Return (task, agent, hyperparameters), in which a cell and its baseline must agree."""
     name = agent or str(row["agent"])
     known = agent_named(name).hyperparameters.model_fields
     values = {key: value for key, value in json.loads(row["hyperparameters"]).items() if key in known}
@@ -153,7 +153,7 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
 
 
 def _text(row: pd.Series, column: str) -> str:
-    """What a column says; empty where it is empty or not there."""
+    """Return a column's text; empty where it is empty or missing."""
     value = row.get(column)
     return value if isinstance(value, str) else ""
 

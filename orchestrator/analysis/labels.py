@@ -1,4 +1,4 @@
-"""Results in words: the names of runs and configurations."""
+"""The names of runs and configurations."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from trainables.tasks.registry import parse_task
 
 
 def varied(agent: str, task: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The hyperparameters that are not at the agent's default for the task, and those that define the agent."""
+    """Return the hyperparameters that differ from the agent's defaults for the task, and those that define it."""
     named = agent_named(agent)
     default = named.resolve(parse_task(task), {}).model_dump()
     return {name: value for name, value in values.items() if value != default.get(name) or name in named.shown}
 
 
 def settings_text(values: Mapping[str, Any]) -> str:
-    """Hyperparameters as 'name=value, ...'; a dash for none."""
+    """Return hyperparameters as 'name=value, ...'; a dash for none."""
     return (
         ", ".join(
             f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in values.items()
@@ -30,7 +30,7 @@ def settings_text(values: Mapping[str, Any]) -> str:
 
 
 def cell_name(cell: Cell) -> str:
-    """A cell's name for people; MLflow refuses brackets and equal signs in names."""
+    """Return a cell's readable name; MLflow refuses brackets and equal signs in names."""
     parts = [
         run_name(cell.agent),
         run_name(cell.task),
@@ -41,12 +41,12 @@ def cell_name(cell: Cell) -> str:
 
 
 def group_name(group: Group) -> str:
-    """A configuration's name for people."""
+    """Return a configuration's readable name."""
     return configuration_name(group.task, group.agent, group.source_label, group.hyperparameters)
 
 
 def configuration_name(task: str, agent: str, source: str, hyperparameters: Mapping[str, Any]) -> str:
-    """The same by its parts, what tells its task from others first: a column of names is narrow."""
+    """Return the same from its parts; what distinguishes the task comes first, since columns are narrow."""
     part = task.partition(":")[2] if ".py" not in task else ""
     text = settings_text(varied(agent, task, hyperparameters)).replace("=", " ")
     parts = [run_name(part or task), run_name(agent), run_name(source) if source != "none" else "", text]
@@ -59,7 +59,7 @@ def run_name(task: str) -> str:
 
 
 def shared(groups: Sequence[Group]) -> dict[str, Any]:
-    """The hyperparameters beside the defaults that all of several groups have in common."""
+    """Return the non-default hyperparameters that all groups share."""
     every = [varied(group.agent, group.task, group.hyperparameters) for group in groups]
     if len(every) < 2:
         return {}

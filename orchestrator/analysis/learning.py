@@ -1,4 +1,4 @@
-"""Whether anything was learned, and in which words that is said: in the tables, the report and the registry alike."""
+"""Whether anything was learned, and the sentence on it for tables, the report and the registry."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def learned_nothing(returns: Sequence[float]) -> str | None:
 
 
 def nothing_in(cells: pd.DataFrame) -> str | None:
-    """Return the same for all seeds of an agent without transfer, by their rows of the cells table."""
+    """Return the same for all seeds of an agent without transfer, from their rows of the cells table."""
     names = ["initial_return", "best_return", "final_return", "auc"]
     if not len(cells) or not set(names) <= set(cells):
         return None

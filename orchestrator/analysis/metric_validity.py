@@ -1,4 +1,4 @@
-"""Does a measure of similarity predict transfer? Measures of task pairs, and their rank correlation with what came."""
+"""Which measure of similarity predicts transfer: measures of task pairs, and their rank correlation with the effect."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ NAMES = {
     "reuse_gain": "reuse gain",
     "bisimulation": "bisimulation, upper bound",
 }
-"""Every measure, in words."""
+"""Every measure with its label."""
 
 NEARNESS = ("path_delta", "reuse_gain")
-"""Measures that are large where tasks suit each other; the others are distances."""
+"""Measures that are large for similar tasks; the others are distances."""
 
 
 def measures(source: str, target: str, gamma: float) -> Measures:
@@ -52,7 +52,7 @@ def measures(source: str, target: str, gamma: float) -> Measures:
 
 
 def _occupancy(task: str, policy: NDArray[np.int64], gamma: float) -> NDArray[np.float64]:
-    """Discounted visits (S,) of the policy within the time limit."""
+    """Return the policy's discounted visits (S,) within the time limit."""
     model = model_of(task)
     rows = model.transitions[np.arange(len(policy)) * model.rewards.shape[1] + policy].T.tocsr()
     now = np.zeros(len(policy))
@@ -65,7 +65,7 @@ def _occupancy(task: str, policy: NDArray[np.int64], gamma: float) -> NDArray[np
 
 
 def table(cells: pd.DataFrame) -> pd.DataFrame:
-    """A row per source, target and agent of a sweep's cells table: every measure, and the transfer ratio."""
+    """Return a row per source, target and agent of a sweep's cells table: every measure, and the transfer ratio."""
     rows = []
     every = groups(cells)
     reuse = {
@@ -83,7 +83,7 @@ def table(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def _row(group: Group, found: Measures, reuse: Group | None) -> dict[str, object]:
-    """With what direct reuse of the sweep's own sources showed: the delta that it learned, and its gain."""
+    """Return a row with the learned delta and the gain of direct reuse of the sweep's own sources."""
     seen = {
         "learned_max_delta": learned.value if reuse and (learned := reuse.estimate("max_abs_delta")) else None,
         "reuse_gain": reuse.auc.value if reuse and reuse.auc else None,
@@ -95,9 +95,9 @@ def _row(group: Group, found: Measures, reuse: Group | None) -> dict[str, object
 
 
 def correlations(pairs: pd.DataFrame) -> dict[tuple[str, str, str], Estimate]:
-    """(source task, agent, measure) to the rank correlation of nearness by that measure with the transfer ratio.
+    """Return (source task, agent, measure) to the rank correlation of nearness with the transfer ratio.
 
-    Left out is a measure that is the same for all targets, and one with fewer than three of them.
+    A measure that is constant over targets, or has fewer than three of them, is left out.
     """
     found = {}
     for (source, agent), rows in pairs.dropna(subset=["ratio"]).groupby(["source", "agent"], sort=False):

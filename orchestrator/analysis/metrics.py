@@ -1,7 +1,7 @@
-"""The statistics of a configuration over its seeds, as data: what each one computes, how it reads, where it is shown.
+"""The statistics of a configuration over its seeds, as data: how each is computed, written, and where it is shown.
 
-Every view goes over METRICS: the summary table, the report, LaTeX, best.yaml, MLflow and the tables of numbers. A new
-statistic is one more entry here.
+Every view iterates over METRICS: the summary table, the report, LaTeX, best.yaml, MLflow and the tables of numbers. A
+new statistic is one more entry here.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NOTHING = 1e-9
 """A difference up to this is shown as 0."""
 
 View = Literal["summary", "report", "best"]
-"""summary: the tables for people; report: Table 1, in the report and as LaTeX; best: best.yaml.
+"""summary: the summary table; report: Table 1, in the report and as LaTeX; best: best.yaml.
 
 MLflow and the tables of numbers have every metric.
 """
@@ -31,7 +31,7 @@ class Seeds:
 
     done: pd.DataFrame
     paired: pd.DataFrame | None = None
-    """Its columns twice, with the ending `_base` for the agent without transfer; None where there is no such cell."""
+    """Each column twice, with the suffix `_base` for the agent without transfer; None where there is none."""
 
     def values(self, column: str) -> list[float] | None:
         """Return a column, a number per seed, or None where a cell lacks it."""
@@ -61,21 +61,21 @@ class Metric:
     digits: int = 2
     percent: bool = False
     signed: bool = False
-    """With a plus: a difference."""
+    """Whether it is written with its sign, as a difference is."""
     with_sd: bool = False
-    """Its standard deviation over seeds is shown in place of its interval."""
+    """Whether its standard deviation over seeds is shown in place of its interval."""
     compared: bool = False
-    """It is of the comparison with the agent without transfer."""
+    """Whether it compares with the agent without transfer."""
     latex: str = ""
     """Its label in LaTeX; default: `label`."""
 
     @property
     def heading(self) -> str:
-        """Its label with what stands in brackets behind the number."""
+        """Its label, with the meaning of the brackets after the number."""
         return f"{self.label} mean (sd)" if self.with_sd else f"{self.label} [{LEVEL:.0%}]"
 
     def numbers(self, estimate: Estimate | TransferRatio | None) -> dict[str, float | None]:
-        """Return an estimate as numbers under the names KEY, KEY_low, KEY_high, and KEY_sd where that is shown."""
+        """Return an estimate as numbers named KEY, KEY_low, KEY_high, and KEY_sd where that is shown."""
         ends = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
         found = dict(zip((self.key, f"{self.key}_low", f"{self.key}_high"), ends, strict=True))
         if self.with_sd:
@@ -93,7 +93,7 @@ class Metric:
         missing: str = "-",
         unit: str = "",
     ) -> str:
-        """Return an estimate as text, each number of it as `number` writes it."""
+        """Return an estimate as text, each of its numbers formatted by `number`."""
         if estimate is None:
             return missing
         if estimate.value is None:
@@ -111,7 +111,7 @@ class Metric:
 
 
 def signed(value: float, digits: int = 0) -> str:
-    """Return a number with its sign; one that rounds to 0 gets one digit more, so that -0.4 does not read as 0."""
+    """Return a number with its sign; one that rounds to 0 gets one more digit, so that -0.4 is not printed as 0."""
     if round(value, digits) == 0 and abs(value) > NOTHING:
         digits += 1
     return f"{value if abs(value) > NOTHING else 0.0:+.{digits}f}"

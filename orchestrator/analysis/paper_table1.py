@@ -1,4 +1,4 @@
-"""Table 1 of the paper, and which of our rows are its rows."""
+"""Table 1 of the paper, and the groups that correspond to its rows."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from trainables.tasks.registry import parse_task
 
 @dataclass(frozen=True)
 class PaperRow:
-    """AUC over five seeds, and the transfer ratio of the means in percent as it is printed (None: DQN's own row)."""
+    """AUC over five seeds, and the transfer ratio of the means in percent as printed (None in the row of DQN)."""
 
     auc: float
     sd: float
     transfer_ratio: float | None = None
 
     def __str__(self) -> str:
-        """'157.0 (11.1), +12.9%'."""
+        """Return '157.0 (11.1), +12.9%'."""
         digits = 2 if abs(self.auc) < 10 else 1
         ratio = "" if self.transfer_ratio is None else f", {self.transfer_ratio:+.1f}%"
         return f"{self.auc:.{digits}f} ({self.sd:.{digits}f}){ratio}"
@@ -43,7 +43,7 @@ SHARE = 0.25
 """The advice fraction of Table 1 (Appendix C)."""
 
 OURS_TO_CHOOSE = {"learning_rate", "advice_fraction"}
-"""What a row of Table 1 may have beside the paper's settings: it sweeps the one and states the other."""
+"""Hyperparameters that a row of Table 1 leaves open: the paper sweeps the one and states the other per row."""
 
 
 @cache
@@ -56,13 +56,13 @@ def _rows() -> dict[tuple[str, str], PaperRow]:
 
 
 def table_1(group: Group) -> PaperRow | None:
-    """The paper's row for the group's target, agent and advice fraction, at whatever scale the group was trained."""
+    """Return the paper's row for the group's target, agent and advice fraction, whatever the rest; or None."""
     if group.hyperparameters.get("advice_fraction", SHARE) != SHARE:
         return None
     return _rows().get((group.task, group.agent))
 
 
 def same_row(group: Group) -> PaperRow | None:
-    """`table_1` for a group that has the paper's settings throughout (episodes, network, ...) and a learned source."""
+    """Return `table_1` of a group with all of the paper's settings (episodes, network, ...) and a learned source."""
     changed = set(varied(group.agent, group.task, group.hyperparameters))
     return table_1(group) if changed <= OURS_TO_CHOOSE and group.source != "exact" else None

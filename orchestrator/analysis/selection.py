@@ -1,4 +1,4 @@
-"""The best hyperparameters of each arm, by one rule."""
+"""Selection of the best hyperparameters of each arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RULE = (
 
 @dataclass(frozen=True)
 class Selected:
-    """The best group of an arm, and those that it is not clearly better than."""
+    """The best group of an arm, and the groups tied with it."""
 
     best: Group
     ties: tuple[Group, ...]

@@ -1,11 +1,11 @@
-"""Statistics over seeds. Every function takes plain arrays of one number per seed, and refuses a NaN.
+"""Statistics over seeds. Every function takes one number per seed, and raises ValueError for a NaN.
 
-Five seeds are few: a percentile bootstrap of a mean covers about 83 % where it says 95 %. So means and paired
+With five seeds, a nominal 95 % percentile bootstrap interval of a mean covers about 83 %. Therefore means and paired
 differences have Student's t intervals, the transfer ratio has Fieller's (the exact interval of a ratio of paired
-normal means), the probability of improvement has Newcombe's score interval (which stays wide where every run beats
-every other: two seeds never give [1, 1]), and only the interquartile mean is bootstrapped.
+normal means), the probability of improvement has Newcombe's score interval (which stays wide even where every run
+with transfer beats every run without: two seeds never give [1, 1]), and only the interquartile mean is bootstrapped.
 
-Two numbers that differ by at most TIE of the larger one are equal: the rounding of a sum is no win.
+Two numbers that differ by at most the share TIE of the larger one count as equal, since sums are rounded.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ LEVEL = 0.95
 """Confidence level of every interval."""
 RESAMPLES = 2000
 TIE = 1e-9
-"""Returns that differ by at most this share of the larger one count as equal."""
-FEWEST_PAIRS = 5
-"""Pairs below which a rank correlation has no interval."""
+"""Numbers that differ by at most this share of the larger one count as equal."""
+MIN_PAIRS = 5
+"""Pairs that the interval of a rank correlation needs."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class TransferRatio:
-    """tr = (A_t - A_w) / |A_w|. All None, with the reason, where the interval of A_w touches 0."""
+    """tr = (A_t - A_w) / |A_w|. All numbers are None, with a reason, where the interval of A_w touches 0."""
 
     value: float | None
     low: float | None
@@ -56,13 +56,13 @@ def _array(values: Sequence[float]) -> NDArray[np.float64]:
 
 
 def sd(values: Sequence[float]) -> float:
-    """Standard deviation over seeds, n - 1 in the denominator; 0 for one seed."""
+    """Return the standard deviation over seeds, with n - 1 in the denominator; 0 for one seed."""
     array = _array(values)
     return float(array.std(ddof=1)) if len(array) > 1 else 0.0
 
 
 def mean(values: Sequence[float]) -> Estimate:
-    """Mean with Student's t interval."""
+    """Return the mean with Student's t interval."""
     array = _array(values)
     centre = float(array.mean())
     if len(array) < 2:
@@ -72,20 +72,20 @@ def mean(values: Sequence[float]) -> Estimate:
 
 
 def difference(with_transfer: Sequence[float], without: Sequence[float]) -> Estimate:
-    """Mean of A_t - A_w, paired by seed, with Student's t interval; a tie is a difference of 0."""
+    """Return the mean of A_t - A_w, paired by seed, with Student's t interval; a tie is a difference of 0."""
     a_t, a_w = _array(with_transfer), _array(without)
     return mean(list(np.where(_tied(a_t, a_w), 0.0, a_t - a_w)))
 
 
 def _tied(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether numbers are equal up to TIE."""
+    """Return whether numbers are equal up to TIE, elementwise."""
     return np.abs(x - y) <= TIE * np.maximum(np.abs(x), np.abs(y))
 
 
 def transfer_ratio(with_transfer: Sequence[float], without: Sequence[float]) -> TransferRatio:
-    """Transfer ratio on mean AUCs, paired by seed, with Fieller's interval.
+    """Return the transfer ratio of the mean AUCs, paired by seed, with Fieller's interval.
 
-    Undefined where the interval of A_w touches 0, and Fieller's interval is unbounded exactly there.
+    It is undefined where the interval of A_w touches 0, which is exactly where Fieller's interval is unbounded.
     """
     a_t, a_w = _array(with_transfer), _array(without)
     a_t = np.where(_tied(a_t, a_w), a_w, a_t)
@@ -108,7 +108,7 @@ def transfer_ratio(with_transfer: Sequence[float], without: Sequence[float]) -> 
 
 
 def _to_tr(ratio: float, base: float) -> float:
-    """A_t / A_w to (A_t - A_w) / |A_w|."""
+    """Return (A_t - A_w) / |A_w| for the ratio A_t / A_w."""
     return math.copysign(1.0, base) * (float(ratio) - 1.0) + 0.0  # no minus before a 0
 
 
@@ -119,18 +119,18 @@ def _single(a_t: float, a_w: float) -> TransferRatio:
 
 
 def iqm(values: Sequence[float]) -> Estimate:
-    """Interquartile mean with a bootstrap interval over seeds."""
+    """Return the interquartile mean with a bootstrap interval over seeds."""
     array = _array(values)
     resampled = array[_draws(len(array), len(array))]
     return _bootstrapped(float(stats.trim_mean(array, 0.25)), stats.trim_mean(resampled, 0.25, axis=1), len(array))
 
 
 def probability_of_improvement(with_transfer: Sequence[float], without: Sequence[float]) -> Estimate:
-    """P(a run with transfer beats one without), ties counted half, with Newcombe's score interval.
+    """Return P(a run with transfer beats one without), ties counted half, with Newcombe's score interval.
 
-    The interval is that of method 5 in R. G. Newcombe, "Confidence intervals for an effect size measure based on the
+    The interval is method 5 of R. G. Newcombe, "Confidence intervals for an effect size measure based on the
     Mann-Whitney statistic, part 2", Statistics in Medicine 25 (2006): all theta within z standard errors of the
-    estimate, the error taken at theta itself.
+    estimate, with the standard error evaluated at theta.
     """
     x, y = _array(with_transfer)[:, None], _array(without)[None, :]
     wins = np.where(_tied(x, y), 0.5, x > y)
@@ -143,7 +143,7 @@ def probability_of_improvement(with_transfer: Sequence[float], without: Sequence
 
 
 def _score_end(value: float, end: float, m: int, n: int) -> float:
-    """The theta between `value` and `end` that is z standard errors away from `value`."""
+    """Return the theta between `value` and `end` that is z standard errors away from `value`."""
     z2, extra = float(stats.norm.ppf((1 + LEVEL) / 2)) ** 2, (m + n) / 2 - 1
 
     def beyond(theta: float) -> float:
@@ -155,15 +155,15 @@ def _score_end(value: float, end: float, m: int, n: int) -> float:
 
 
 def rank_correlation(x: Sequence[float], y: Sequence[float]) -> Estimate | None:
-    """Spearman's rank correlation of pairs, with a bootstrap interval over the pairs.
+    """Return Spearman's rank correlation of pairs, with a bootstrap interval over the pairs, or None.
 
-    None for fewer than three pairs, or where all of one side are equal; no interval below FEWEST_PAIRS. Resamples in
-    which one side is constant have no correlation and are left out.
+    None for fewer than three pairs, or where one side is constant; no interval below MIN_PAIRS. Resamples in which one
+    side is constant have no correlation and are left out.
     """
     a, b = _array(x), _array(y)
     if len(a) < 3 or np.ptp(a) == 0 or np.ptp(b) == 0:
         return None
-    if len(a) < FEWEST_PAIRS:
+    if len(a) < MIN_PAIRS:
         return Estimate(float(_spearman(a[None], b[None])[0]), None, None)
     draws = _draws(len(a), 0)
     varied = draws[(np.ptp(a[draws], axis=1) > 0) & (np.ptp(b[draws], axis=1) > 0)]
@@ -172,7 +172,7 @@ def rank_correlation(x: Sequence[float], y: Sequence[float]) -> Estimate | None:
 
 
 def _spearman(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rank correlation of each row of x with the same row of y, (rows, n)."""
+    """Return the rank correlation (rows,) of each row of x with the same row of y, both (rows, n)."""
     ranks = [stats.rankdata(side, axis=1) for side in (x, y)]
     p, q = (side - side.mean(axis=1, keepdims=True) for side in ranks)
     correlation: NDArray[np.float64] = (p * q).sum(axis=1) / np.sqrt((p**2).sum(axis=1) * (q**2).sum(axis=1))
@@ -184,7 +184,7 @@ def _draws(n: int, seed: int) -> NDArray[np.int64]:
 
 
 def _bootstrapped(value: float, resampled: NDArray[np.float64], n: int) -> Estimate:
-    """Percentile interval: unlike BCa it also stands where all seeds are equal."""
+    """Return an estimate with its percentile interval, which unlike BCa is defined where all seeds are equal."""
     if n < 2:
         return Estimate(value, None, None)
     low, high = np.quantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])

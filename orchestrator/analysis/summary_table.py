@@ -1,4 +1,4 @@
-"""The summary table of a sweep: as a person reads it, and as numbers."""
+"""The summary table of a sweep, as text and as numbers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLUMNS = (
 
 
 def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
-    """A group's line of the table, under COLUMNS, without the hyperparameters in `hide`."""
+    """Return a group's row of the table, under COLUMNS, without the hyperparameters in `hide`."""
     own = varied(group.agent, group.task, group.hyperparameters)
     seeds = f"{len(group.seeds)}" + (f", {group.failed} failed" if group.failed else "")
     seeds += f", {group.stopped} stopped early" if group.stopped else ""
@@ -41,7 +41,7 @@ def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
 
 
 def numbers(group: Group) -> dict[str, Any]:
-    """Return a group's line of the table of numbers: every metric by itself and in full, and the verdict."""
+    """Return a group's row of the table of numbers: each metric in full precision, and the verdict."""
     record: dict[str, Any] = {
         "task": group.task,
         "agent": group.agent,

@@ -15,7 +15,7 @@ from orchestrator.execution.settings import Settings
 from orchestrator.execution.source_choice import choose
 from orchestrator.planning.arms import Arm, distinct
 from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
-from orchestrator.planning.source_choice import STAND_IN_STEPS, SourceChoice, settle, untrained
+from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, SourceChoice, settle, untrained
 from orchestrator.results.status import sweeps
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
@@ -128,7 +128,7 @@ def _choice(ledger: Ledger, arm: Arm, keep: bool) -> SourceChoice:
     cells = arm.all_cells() or ledger.searched(arm)
     if cells and all(ledger.ended(cell, keep) for cell in cells):
         return choose(ledger, arm, cells)
-    return untrained(arm, steps=STAND_IN_STEPS)
+    return untrained(arm, steps=PLACEHOLDER_STEPS)
 
 
 class _Costs:

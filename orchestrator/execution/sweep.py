@@ -16,7 +16,7 @@ from orchestrator.execution.source_choice import choose
 from orchestrator.execution.stage import Stages, Work
 from orchestrator.planning.arms import Arm, distinct
 from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
-from orchestrator.planning.source_choice import STAND_IN_STEPS, Choices, settle, untrained
+from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, Choices, settle, untrained
 from orchestrator.results.lock import locked
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
@@ -78,7 +78,7 @@ class _Sweep:
     def _unplanned(self) -> int:
         """Return how many transfer cells wait for sources that are not there yet."""
         sources = source_arms(self._space, self._settings.params)
-        choices = settle(sources, self._settings.pretrained, lambda arm: untrained(arm, STAND_IN_STEPS))
+        choices = settle(sources, self._settings.pretrained, lambda arm: untrained(arm, PLACEHOLDER_STEPS))
         arms = transfer_arms(self._space, choices, self._settings.params)
         cells = {cell.id: cell for arm in arms for cell in arm.all_cells()}.values()
         searched = sum(self._space.search.budget * len(arm.seeds) for arm in arms if arm.ranges)

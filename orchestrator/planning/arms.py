@@ -1,4 +1,4 @@
-"""Arms: a task, an agent and its sources, with the configurations that are tried there over all seeds."""
+"""Arms: a task, an agent and its sources, with the configurations to try over all seeds."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ Values = dict[str, Any]
 
 
 class Key(NamedTuple):
-    """What tells the arms of a sweep apart."""
+    """Identifies an arm within a sweep."""
 
     task: str
     agent: str
     source_task: str = ""
-    """Empty for an agent without transfer, but where several sources have each settled another baseline."""
+    """Empty for an agent without transfer, unless several sources have settled different baselines."""
     kind: str = "none"
     """learned, exact or none."""
     pick: str = ""
-    """Whose knowledge a seed gets (learned sources)."""
+    """Which source's knowledge a seed gets (learned sources)."""
 
 
 Params = Mapping[Key, Values]
-"""Hyperparameters that are settled already, e.g. by an exported file."""
+"""Hyperparameters that are settled beforehand, for instance by an exported file."""
 
 
 def entry_of(params: Params, key: Key) -> Key | None:
-    """Return the entry of `params` for an arm, or None. One without a pick or source task is for them all."""
+    """Return the entry of `params` for an arm, or None. An entry without pick or source task applies to all of them."""
     entries = (key, key._replace(pick=""), key._replace(source_task=""), key._replace(source_task="", pick=""))
     return next((entry for entry in entries if entry in params), None)
 
 
 class Label(NamedTuple):
-    """What an arm knows of its cells that they do not say themselves."""
+    """What an arm knows about its cells beyond their own content."""
 
     pick: str = ""
     baseline_for: str = ""
@@ -50,12 +50,12 @@ PLAIN = Label()
 
 
 def default_pick(task: str) -> str:
-    """Return whose knowledge a seed gets from a source task where the search space does not say."""
+    """Return the pick of a source task for which the search space names none."""
     return "own_seed" if parse_task(task).tabular else "best_evaluated"
 
 
 def configuration_id(cell: Cell, label: Label) -> str:
-    """Return the id that the cells of a configuration share; a cell of two arms is in a configuration of each."""
+    """Return the id that the cells of a configuration share; a cell of two arms belongs to a configuration of each."""
     usual = ("", default_pick(cell.sources[0].task) if cell.sources else "")
     if label.pick in usual and not label.baseline_for:
         return cell.group
@@ -64,20 +64,20 @@ def configuration_id(cell: Cell, label: Label) -> str:
 
 @dataclass(frozen=True)
 class Arm:
-    """One task, agent and source with its configurations: what is tuned together, over all seeds."""
+    """One (task, agent, source) with its configurations, which are tuned together over all seeds."""
 
     agent: str
     task: str
     seeds: tuple[int, ...]
     grid: tuple[Values, ...] = ({},)
-    """Configurations to try; with ranges, what goes with every draw from them."""
+    """Configurations to try; with ranges, the values that complete each draw."""
     ranges: Mapping[str, Range] = field(default_factory=dict)
     sources: Mapping[int, tuple[Source, ...]] = field(default_factory=dict)
     """Seed to sources; empty for an agent without transfer."""
     pick: str = ""
-    """Whose knowledge a seed gets; empty where nothing is learned."""
+    """Which source's knowledge a seed gets; empty without a learned source."""
     baseline_for: str = ""
-    """The source task whose stage 1 has settled this baseline, where other sources have settled another one."""
+    """The source task whose stage 1 has settled this baseline, if other sources have settled different ones."""
     lost: str = ""
     """Why it cannot run: one of its sources has failed."""
 
@@ -91,23 +91,23 @@ class Arm:
 
     @property
     def label(self) -> Label:
-        """What the arm's cells do not say themselves."""
+        """The label of the arm's cells."""
         return Label(self.pick, self.baseline_for)
 
     @functools.cached_property
     def content(self) -> str:
-        """A hash of everything that the arm would train: arms that share it are one."""
+        """A hash of everything that the arm would train; arms with the same hash are the same."""
         ranges = {name: option.model_dump() for name, option in self.ranges.items()}
         sources = {str(seed): [source.model_dump() for source in row] for seed, row in self.sources.items()}
         return content_id([self.agent, self.task, list(self.seeds), list(self.grid), ranges, sources, self.pick])
 
     @property
     def swept(self) -> set[str]:
-        """The hyperparameters that are tried or settled here."""
+        """The hyperparameters that the arm tries or has settled."""
         return {*self.ranges, *(name for values in self.grid for name in values)}
 
     def owns(self, cell: Cell) -> bool:
-        """Return whether the cell is one of this arm: it differs from what the arm trains within the ranges alone."""
+        """Return whether the cell belongs to this arm: its values are those of the grid, or lie within the ranges."""
         return (
             (cell.task, cell.agent) == (self.task, self.agent)
             and cell.seed in self.seeds
@@ -125,7 +125,7 @@ class Arm:
         return [Cell.create(self.agent, self.task, seed, values, self.sources.get(seed, ())) for seed in self.seeds]
 
     def all_cells(self) -> list[Cell]:
-        """Return the cells of the whole grid; none for an arm with ranges, whose cells come up as it is searched."""
+        """Return the cells of the whole grid; none for an arm with ranges, whose cells the search creates."""
         return [] if self.ranges else [cell for values in self.grid for cell in self.cells(values)]
 
     def some_cells(self) -> list[Cell]:
@@ -143,7 +143,7 @@ class Arm:
 
 
 def labels_of(arms: Iterable[Arm], cells: Iterable[Cell]) -> dict[str, list[Label]]:
-    """Return cell id to the labels of its arms; cells whose arms say no more than they do are left out."""
+    """Return cell id to the labels of its arms, without the cells for which every label is plain."""
     candidates: dict[tuple[str, str], list[Arm]] = defaultdict(list)
     for arm in arms:
         candidates[arm.task, arm.agent].append(arm)
@@ -156,7 +156,7 @@ def labels_of(arms: Iterable[Arm], cells: Iterable[Cell]) -> dict[str, list[Labe
 
 
 def _inside(option: Range, value: Any) -> bool:
-    """Return whether a value that was rounded to 12 digits is from the range."""
+    """Return whether a value, rounded to 12 digits, lies in the range."""
     if not isinstance(value, int | float):
         return False  # e.g. threshold: auto
     room = 1e-9 * max(abs(option.low), abs(option.high))
@@ -164,7 +164,7 @@ def _inside(option: Range, value: Any) -> bool:
 
 
 def distinct(arms: Iterable[Arm]) -> list[Arm]:
-    """Return each arm once; of two that train the same, one that can run. A baseline names its source if it must."""
+    """Return each arm once, preferring one that can run; baselines name their source where that is ambiguous."""
     found: dict[str, Arm] = {}
     for arm in arms:
         if arm.content not in found or found[arm.content].lost:

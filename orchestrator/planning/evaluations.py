@@ -1,4 +1,4 @@
-"""How many evaluations the AUC of a training would be the mean of."""
+"""The number of evaluations of which an AUC is the mean, and a warning where it is small."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from trainables.agents.registry import agent_named
 from trainables.tasks.registry import parse_task
 
 FEW_EVALUATIONS = 5
-"""Evaluations of a curve below which its mean says little."""
+"""Evaluations below which the mean of a curve is a poor estimate."""
 
 
 def few_evaluations(hyperparameters: Mapping[str, Any]) -> str | None:
-    """Return a warning where a training has so few evaluations that its AUC says little, or None."""
+    """Return a warning where a cell has fewer than FEW_EVALUATIONS evaluations, or None."""
     episodes, every = hyperparameters.get("episodes"), hyperparameters.get("evaluate_every")
     if not isinstance(episodes, int) or not isinstance(every, int) or every < 1:
         return None
@@ -32,12 +32,12 @@ def few_evaluations(hyperparameters: Mapping[str, Any]) -> str | None:
 
 
 def few_evaluations_in(space: SearchSpace) -> str | None:
-    """Return `few_evaluations` of the first training of a search space that it is true of, or None."""
+    """Return the first warning of `few_evaluations` over a search space, or None."""
     return next(filter(None, map(few_evaluations, _trainings(space))), None)
 
 
 def _trainings(space: SearchSpace) -> Iterator[dict[str, Any]]:
-    """Yield how long every agent trains on every task, transfers first, and how often it is evaluated."""
+    """Yield the length and evaluation interval of every agent's training on every task, transfers first."""
     stages = [
         (agent, own, target) for s in space.scenarios for target in s.targets for agent, own in space.agents.items()
     ]

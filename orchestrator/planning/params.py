@@ -1,4 +1,4 @@
-"""Which hyperparameters of an exported file a search space has a use for."""
+"""Which entries of an exported file of hyperparameters apply to a search space."""
 
 from __future__ import annotations
 
@@ -12,15 +12,12 @@ from trainables.errors import InputError
 from trainables.plugins.names import short
 from trainables.tasks.registry import parse_task
 
-SHOWN = 3
-"""Most entries that a message names."""
+MAX_NAMED = 3
+"""Entries that a message names."""
 
 
 def check_params(file: str, params: Params, space: SearchSpace) -> str:
-    """Return a sentence that says how many entries of a file apply, or '' where all do.
-
-    Raises InputError where none does.
-    """
+    """Return a sentence on how many entries of a file apply, or '' where all do. Raises InputError where none does."""
     wanted = list(dict.fromkeys(keys(space)))
     used = {entry_of(params, key) for key in wanted}
     unused = [entry for entry in params if entry not in used]
@@ -53,5 +50,5 @@ def _named(entries: Iterable[Key]) -> str:
             for key in entries
         )
     )
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    return ", ".join(names[:MAX_NAMED]) + more

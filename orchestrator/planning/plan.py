@@ -24,9 +24,9 @@ NOTHING = SourceChoice({}, {})
 
 
 def source_arms(space: SearchSpace, params: Params) -> list[dict[str, Arm]]:
-    """Return stage 1 of each scenario: source task to its arm, where something is learned or chosen there.
+    """Return stage 1 of each scenario: source task to its arm, where stage 1 trains or selects anything.
 
-    The tasks of a library are trained as the scenario's own source task is.
+    The tasks of a library are trained like the scenario's source task.
     """
     return [{arm.task: arm for arm in _sources_of(space, scenario.source, params)} for scenario in space.scenarios]
 
@@ -43,7 +43,7 @@ def _sources_of(space: SearchSpace, source: SourceSpace, params: Params) -> list
 def transfer_arms(space: SearchSpace, choices: Sequence[Choices], params: Params) -> list[Arm]:
     """Return stage 2: agents x targets x kinds of source, given each scenario's outcome of stage 1.
 
-    An agent without transfer is the baseline at the hyperparameters that stage 1 settled for the scenario's source.
+    A baseline without transfer has the hyperparameters that stage 1 settled for the scenario's source.
     """
     return distinct(
         _transfer(space, scenario, choice, params, agent, target, kind)
@@ -75,7 +75,7 @@ def _transfer(
 def _configured(
     arm: Arm, space: SearchSpace, options: Mapping[str, Grid | Range], inherited: Values, params: Params
 ) -> Arm:
-    """Return the arm with its grid: its options over the space's over what stage 1 settled; `params` over all."""
+    """Return the arm with its grid. Precedence: `params`, the agent's options, the space's, what stage 1 settled."""
     agent = agent_named(arm.agent)
     if (entry := entry_of(params, arm.key)) is not None:
         agent.resolve(parse_task(arm.task), params[entry])
@@ -90,7 +90,7 @@ def _configured(
 
 
 def _column(name: str, kind: str, pick: str, choices: Choices, seeds: Sequence[int]) -> dict[int, Source]:
-    """Return seed to what is known of the source task `name`."""
+    """Return seed to the source from the task `name`."""
     task = parse_task(name)
     if kind == "exact":
         return {seed: Source(task=task.name, kind="exact") for seed in seeds}
@@ -104,7 +104,7 @@ def _column(name: str, kind: str, pick: str, choices: Choices, seeds: Sequence[i
     return {seed: _learned(task, model, "last" if task.tabular else "best", choice.runs[seed]) for seed in seeds}
 
 
-def _learned(task: Task, model: SourceRun, checkpoint: Literal["last", "best"], own: SourceRun) -> Source:
-    """Return the knowledge of `model`; T, the steps of C (eq. 6), is that of the target seed's own source run."""
-    steps = None if task.tabular else own.steps
+def _learned(task: Task, model: SourceRun, checkpoint: Literal["last", "best"], same_seed: SourceRun) -> Source:
+    """Return the knowledge of `model`; T, the steps of C (eq. 6), is that of the source run with the target's seed."""
+    steps = None if task.tabular else same_seed.steps
     return Source(task=task.name, kind="learned", cell_id=model.cell.id, checkpoint=checkpoint, steps=steps)

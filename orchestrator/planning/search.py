@@ -18,11 +18,11 @@ from trainables.cell import Cell
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 Score = Callable[[Sequence[Cell]], float | None]
-"""Mean AUC of the cells of one configuration; None where one of them is not done."""
+"""Returns the mean AUC of the cells of one configuration; None where one of them is not done."""
 
 
 def draw(arm: Arm, search: Search) -> list[Values]:
-    """Return `budget` random draws from the arm's ranges, the same ones each time; its grid is cycled through."""
+    """Return `budget` random draws from the arm's ranges, the same each time; its grid values are cycled through."""
     rng = np.random.RandomState(_seeds(arm, search, 0))
     draws = []
     for number in range(search.budget):
@@ -41,20 +41,20 @@ def sample(option: Range, rng: np.random.RandomState) -> float | int:
 
 
 def distribution(option: Range) -> BaseDistribution:
-    """Return a range as Optuna has it."""
+    """Return a range as a distribution of Optuna."""
     if option.integer:
         return IntDistribution(int(option.low), int(option.high), log=option.log)
     return FloatDistribution(option.low, option.high, log=option.log)
 
 
 def _seeds(arm: Arm, search: Search, tried: int) -> list[int]:
-    """Return seeds of a task, agent and kind of source; a search that goes on does not repeat its first draws."""
+    """Return the seeds of an arm's search; a continued search does not repeat its first draws."""
     digest = hashlib.sha256("/".join((arm.task, arm.agent, arm.key.kind)).encode()).digest()
     return [int(word) for word in np.random.SeedSequence([search.seed, tried, *digest[:8]]).generate_state(4)]
 
 
 class Tuned:
-    """One arm under Optuna: its study, told of the configurations tried before, and what is left of its budget."""
+    """The Optuna study of one arm: it knows the configurations tried before, and its remaining budget."""
 
     def __init__(self, arm: Arm, search: Search, searched: Iterable[Cell], score: Score) -> None:
         self.arm = arm
@@ -78,7 +78,7 @@ class Tuned:
         return optuna.trial.create_trial(params=within, distributions=self._space, value=auc)
 
     def _rounded_into(self, name: str, value: Any) -> Any:
-        """Return the value; the end of its range where rounding to 12 digits has put it outside."""
+        """Return the value, or the end of its range if rounding to 12 digits has put it outside."""
         option = self.arm.ranges.get(name)
         return value if option is None else min(max(value, option.ends()[0]), option.ends()[1])
 
@@ -96,7 +96,7 @@ class Tuned:
         return self._asked[token][1]
 
     def tell(self, token: str, auc: float | None) -> None:
-        """Take in the AUC of a suggestion, the first time; None: its cells are not all done."""
+        """Record the AUC of a suggestion, once; None: its cells are not all done."""
         trial = self._asked[token][0]
         state = optuna.trial.TrialState.FAIL if auc is None else optuna.trial.TrialState.COMPLETE
         self._study.tell(trial, auc, state, skip_if_finished=True)

@@ -1,4 +1,4 @@
-"""The outcome of stage 1: for each source task the hyperparameters that were best, and the runs that have them."""
+"""The outcome of stage 1: for each source task the best hyperparameters, and the runs that used them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class SourceRun:
     """Its best greedy evaluation."""
     auc: float
     steps: int
-    """T: the training steps that it took."""
+    """T, its number of training steps."""
 
 
 Runs = Mapping[str, Mapping[int, SourceRun]]
@@ -31,25 +31,25 @@ class SourceChoice:
     """The outcome of stage 1 for one source task."""
 
     values: Values
-    """The best hyperparameters of the source's agent, those that stage 1 swept."""
+    """The best values of the hyperparameters that stage 1 swept."""
     runs: Mapping[int, SourceRun]
     """By seed."""
     lost: str = ""
-    """Why there is none: no configuration has all its seeds. `values` and `runs` then stand for those that failed."""
+    """Why there is none: no configuration has all its seeds. `values` and `runs` are then those of failed cells."""
 
     def best_seed(self) -> int:
-        """Return the seed with the best greedy evaluation; of those that reach the same, the one with the best AUC."""
+        """Return the seed with the best greedy evaluation; the best AUC breaks ties."""
         return max(self.runs, key=lambda seed: (self.runs[seed].best_return, self.runs[seed].auc))
 
 
 Choices = Mapping[str, SourceChoice]
-"""Source task to its outcome; a task that nothing is learned or chosen on is not there."""
+"""Source task to its outcome, for tasks on which stage 1 trains or selects anything."""
 
 
 def settle(
     arms: Sequence[Mapping[str, Arm]], pretrained: Runs, outcome: Callable[[Arm], SourceChoice]
 ) -> list[Choices]:
-    """Return the outcome of stage 1 for each scenario: of a pretrained source, or `outcome` of what was trained."""
+    """Return the outcome of stage 1 for each scenario: a pretrained source, or the `outcome` of its training."""
     return [
         {
             task: pretrained_choice(arm, pretrained[task]) if task in pretrained else outcome(arm)
@@ -60,17 +60,17 @@ def settle(
 
 
 def pretrained_choice(arm: Arm, by_seed: Mapping[int, SourceRun]) -> SourceChoice:
-    """Return the outcome of a stage 1 that need not run: what it would sweep has the pretrained source's values."""
+    """Return the outcome of a stage 1 that need not run: its hyperparameters are those of the pretrained source."""
     cell = next(iter(by_seed.values())).cell
     return SourceChoice({name: value for name, value in cell.hyperparameters.items() if name in arm.swept}, by_seed)
 
 
-STAND_IN_STEPS = 10_000_000
+PLACEHOLDER_STEPS = 10_000_000
 """T of a source that is not trained yet."""
 
 
 def untrained(arm: Arm, steps: int = 0, lost: str = "") -> SourceChoice:
-    """Return a stand-in for an outcome that is not there: the first configuration, as if nothing had been learned."""
+    """Return a placeholder for an unknown outcome: the first configuration, with runs that learned nothing."""
     values = arm.first()
     runs = {cell.seed: SourceRun(cell, -math.inf, -math.inf, steps) for cell in arm.cells(values)}
     return SourceChoice({name: value for name, value in values.items() if name in arm.swept}, runs, lost)
