@@ -33,7 +33,7 @@ class Comparison:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict: helped or hurt where the interval of the difference in AUC lies on one side of 0, else undecided."""
+        """The verdict: helped or hurt where the interval of the difference lies on one side of 0, else undecided."""
         low, high = self.difference.low, self.difference.high
         if low is None or high is None or low <= 0 <= high:
             return "undecided"
