@@ -3,7 +3,8 @@
 numba's own cache looks at the file of the compiled function alone; a kernel that calls a function of another
 file would go on running the old one after an upgrade. Here the cache folder is named by the contents of every
 file that has kernels or a constant that one of them imports (numba freezes it into the kernel): a changed line in
-any of these means a new compilation, and one elsewhere does not.
+any of these means a new compilation, and one elsewhere does not. Below that folder a kernel is found by its place in
+the package, so that another copy with the same contents (a second clone, what a job took along) compiles nothing.
 """
 
 from __future__ import annotations
@@ -73,17 +74,52 @@ def _remove_unused(folder: Path) -> None:
                 shutil.rmtree(other, ignore_errors=True)
 
 
+class Place:
+    """Where the kernels of a file are cached, as numba asks: by the file's path in the package, not on the disk."""
+
+    def __init__(self, folder: str, file: Path, line: int) -> None:
+        package = Path(__file__).parents[1]
+        inside = file.is_relative_to(package)
+        name = ".".join(file.relative_to(package).parts[:-1]) if inside else _digest(str(file.parent).encode())
+        self._path, self._py_file, self._line = Path(folder, name), file, line
+
+    @classmethod
+    def from_function(cls, function: Callable[..., object], file: str) -> Place | None:
+        """Return the place of `function`, or None: then numba has its own ways."""
+        folder, path = _cache_folder(), Path(file).absolute()
+        return cls(folder, path, function.__code__.co_firstlineno) if folder is not None and path.is_file() else None
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder."""
+        self._path.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        """Return the folder of the cached kernels."""
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        """Return what a cached kernel must bear to be fresh: the digest of its file."""
+        return _digest(self._py_file.read_bytes())
+
+    def get_disambiguator(self) -> str:
+        """Return what tells two functions of one name in one file apart."""
+        return str(self._line)
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
 def compiled(function: F) -> F:
     """Compile `function` without fast-math: the same bits as the plain Python function.
 
     With NUMBA_DISABLE_JIT=1 the plain function itself runs, which is the oracle of the tests.
     """
-    folder = _cache_folder()
     config: Any = numba.config
-    before = config.CACHE_DIR
-    config.CACHE_DIR = folder or before
+    before = config.CACHE_LOCATOR_CLASSES
+    config.CACHE_LOCATOR_CLASSES = f"{__name__}.{Place.__name__}"
     try:
-        result: Any = numba.njit(cache=folder is not None)(function)
+        result: Any = numba.njit(cache=_cache_folder() is not None)(function)
         return cast("F", result)
     finally:
-        config.CACHE_DIR = before
+        config.CACHE_LOCATOR_CLASSES = before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import time
 from pathlib import Path
 
@@ -58,10 +59,29 @@ def test_an_unwritable_cache_means_no_cache_and_no_error(package: Path, tmp_path
 
 
 def test_compiling_leaves_numbas_own_setting_alone(package: Path, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "somewhere")
+    monkeypatch.setattr(numba.config, "CACHE_LOCATOR_CLASSES", "somewhere")
     monkeypatch.setattr(jit, "_cache_folder", lambda: str(tmp_path))
     jit.compiled(test_compiling_leaves_numbas_own_setting_alone)
-    assert numba.config.CACHE_DIR == "somewhere"
+    assert numba.config.CACHE_LOCATOR_CLASSES == "somewhere"
+
+
+def test_another_copy_of_the_same_files_compiles_nothing_and_a_changed_one_does(
+    package: Path, tmp_path: Path, monkeypatch
+) -> None:
+    folder = _folder()
+    assert folder is not None
+    monkeypatch.setattr(jit, "_cache_folder", lambda: folder)
+    text = "from trainables.numerics.jit import compiled\n\n\n@compiled\ndef double(x):\n    return 2 * x\n"
+    copy, other = tmp_path / "copy", tmp_path / "other"
+    for root, content in ((package, text), (copy, text), (other, text.replace("2 *", "3 *"))):
+        (root / "tasks").mkdir(parents=True, exist_ok=True)
+        (root / "tasks" / "double.py").write_text(content)
+    found = []
+    for root in (package, package, copy, other):
+        monkeypatch.setattr(jit, "__file__", str(root / "numerics" / "jit.py"))
+        double = runpy.run_path(str(root / "tasks" / "double.py"), run_name="double")["double"]
+        found.append((double(4), sum(double.stats.cache_hits.values())))
+    assert found == [(8, 0), (8, 1), (8, 1), (12, 0)]
 
 
 def test_the_kernels_of_versions_unused_for_a_month_are_removed(package: Path, tmp_path: Path) -> None:
