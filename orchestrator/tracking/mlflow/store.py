@@ -1,7 +1,8 @@
 """MLflow's store: opened by one door, born whole, and refused in a sentence where it is damaged.
 
 MLflow makes its SQLite tables in some thousand steps. A process that is killed meanwhile would leave a database that no
-later one can open, so the tables are made in a file beside, which takes its name once it is whole.
+later one can open, so the tables are made in a file beside, which takes its name once it is whole. Until then nothing
+waits for the disk.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from pathlib import Path
 from mlflow.exceptions import MlflowException
 from mlflow.store.db import utils
 from mlflow.tracking import MlflowClient
+from sqlalchemy import event
 from sqlalchemy.exc import SQLAlchemyError
 
 from orchestrator.errors import SweepError
+from trainables.storage import disk
 
 PREFIX = ".mlflow-new-"
 """Of the folders in which databases are made."""
@@ -64,12 +67,15 @@ def make(path: Path) -> None:
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=PREFIX) as folder:
         new = Path(folder) / path.name
         engine = utils.create_sqlalchemy_engine(f"sqlite:///{new}")  # type: ignore[no-untyped-call]
+        event.listen(engine, "connect", lambda connection, _: connection.execute("PRAGMA synchronous=OFF"))
         try:
             utils._initialize_tables(engine)  # type: ignore[no-untyped-call]
         finally:
             engine.dispose()  # an open connection must not see the file renamed
         with contextlib.closing(sqlite3.connect(new)) as database:
             database.execute("PRAGMA journal_mode=WAL")  # twice the rate of small writes, and readers never block
+        with new.open("rb") as whole:
+            disk.sync(whole)
         if path.exists() and path.stat().st_size:  # another process was faster
             return
         new.replace(path)
