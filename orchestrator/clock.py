@@ -1,4 +1,4 @@
-"""What time it is, and whatever waits for a time: the simulated driver of the tests has a clock of its own."""
+"""The clock, sleeping, waiting and threads, in one place so that simulations in tests can replace them."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ Item = TypeVar("Item")
 
 
 class Worker(Protocol):
-    """Something that runs beside."""
+    """A background thread."""
 
     def join(self) -> None:
-        """Wait until it has ended."""
+        """Wait until it ends."""
 
 
 def time() -> float:
-    """Return the seconds since 1970, by a clock that may be set."""
+    """Return the seconds since 1970, by the wall clock."""
     return system.time()
 
 
 def monotonic() -> float:
-    """Return seconds by a clock that only ever goes on."""
+    """Return seconds by a monotonic clock."""
     return system.monotonic()
 
 
 def sleep(seconds: float) -> None:
-    """Do nothing for a while."""
+    """Wait for some seconds."""
     system.sleep(seconds)
 
 
 def wait(event: threading.Event, seconds: float) -> bool:
-    """Return whether an event comes within some seconds."""
+    """Wait for an event, and return whether it was set within some seconds."""
     return event.wait(seconds)
 
 
 def take(items: queue.Queue[Item], seconds: float) -> Item:
-    """Return the next of a queue's items; queue.Empty where none comes within some seconds."""
+    """Return a queue's next item. Raises queue.Empty where none comes within some seconds."""
     return items.get(timeout=seconds)
 
 
 def beside(work: Callable[[], None], name: str) -> Worker:
-    """Run `work` in a thread of its own, which ends with the process."""
+    """Run `work` in a daemon thread."""
     thread = threading.Thread(target=work, name=name, daemon=True)
     thread.start()
     return thread

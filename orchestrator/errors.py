@@ -1,4 +1,4 @@
-"""How a command ends when something goes wrong."""
+"""Errors of a sweep, and the exit code and sentence with which a command ends."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from trainables.errors import InfrastructureError, InputError, one_line, shown
 from trainables.storage.paths import foreign
 
 BAD_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.EINVAL)
-"""What the system says of a path that is wrong in itself, wherever it is used."""
+"""Error numbers of the operating system for paths that are invalid themselves."""
 
-LONGEST = 2000
-"""Most characters of a sentence."""
+MAX_CHARACTERS = 2000
+"""Of a sentence."""
 
 
 class SweepError(InfrastructureError):
-    """A sweep that stopped for a reason outside of its cells; what is recorded stays, and the same command goes on."""
+    """A sweep stopped for a reason outside its cells. Its records stay, and the same command continues."""
 
 
 class InterruptedSweepError(SweepError):
@@ -27,8 +27,9 @@ class LeaseLostError(OSError):
 
 
 def exit_code(error: Exception) -> int | None:
-    """Return 2 for bad input, 130 for an interruption, 1 for a sweep that stopped, a file that the system refuses or a
-    storage that does not answer; None for an error of our own making.
+    """Return an error's exit code, or None for a bug in deltatune.
+
+    2: bad input; 130: interruption; 1: a sweep that stopped, a file that the system refuses, an unreachable storage.
     """
     if isinstance(error, InputError | UnicodeEncodeError) or (isinstance(error, OSError) and error.errno in BAD_PATH):
         return 2
@@ -38,11 +39,11 @@ def exit_code(error: Exception) -> int | None:
 
 
 def sentence(error: Exception) -> str:
-    """Return what an error says to people, in one line."""
+    """Return an error's message in one line."""
     text = foreign(error) or str(error)
     if isinstance(error, UnicodeEncodeError):  # bytes on a command line that are no UTF-8
-        text = f"{shown(error.object)} is no text that {error.encoding} can write"
+        text = f"{shown(error.object)} cannot be written in {error.encoding}"
     if isinstance(error, OSError) and error.strerror and error.filename:
         text = f"{error.filename}: {error.strerror}"
     text = one_line(text.strip())
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
+    return text if len(text) <= MAX_CHARACTERS else f"{text[:MAX_CHARACTERS]}…"

@@ -1,1 +1,1 @@
-"""Ray: joining a cluster, its nodes, and jobs."""
+"""Ray clusters: joining one, its nodes, and jobs."""

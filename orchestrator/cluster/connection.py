@@ -1,4 +1,4 @@
-"""Ray on this machine or on a running cluster: joining it, sending it our code, and reaching its nodes."""
+"""The connection to Ray, on this machine or on a cluster: joining it and sending it this code."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from orchestrator.results.provenance import packages_folder, write_staged
 from trainables.errors import InputError
 
 PACKAGES = ("trainables", "search_spaces", "orchestrator", "dashboards", "deltatune")
-"""What travels to a cluster, whose nodes need but the dependencies."""
+"""The packages that are shipped to a cluster; its nodes only need the dependencies."""
 
 
 HEAD_PATIENCE = 45.0
@@ -32,9 +32,9 @@ _QUIET: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
 
 @contextmanager
 def connected(workers: int | None, address: str | None, resources: Resources) -> Iterator[None]:
-    """Ray, started here with CPUs for `workers` cells (default: this process's CPUs), or joined at `address`.
+    """Start Ray with CPUs for `workers` cells (default: this process's CPUs), or join it at `address`; close it after.
 
-    A Ray that this process has started already is used as it is, and left running.
+    A Ray instance that this process has started before is used as it is, and left running.
     Raises InputError where no cluster answers at `address`.
     """
     if ray.is_initialized():
@@ -54,7 +54,7 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
 def _join(address: str) -> None:
     check_address(address)
     if "RAY_JOB_CONFIG_JSON_ENV_VAR" in os.environ:  # a job: the cluster has its code already
-        os.chdir(tempfile.gettempdir())  # nodes that share a disk unpack the code anew, over this folder
+        os.chdir(tempfile.gettempdir())  # nodes that share a disk unpack the code again, over this folder
         ray.init(address=address, **_QUIET)
         return
     folder = stage_code(Path(tempfile.mkdtemp(prefix="deltatune-code-")))
@@ -68,7 +68,7 @@ def _join(address: str) -> None:
 
 
 def stage_code(folder: Path) -> Path:
-    """Copy our packages to `folder`, with what they are a copy of, and nothing that lies beside them."""
+    """Copy the packages, and nothing beside them, to `folder`, with a file on their version and commit."""
     root = packages_folder()
     for package in PACKAGES:
         shutil.copytree(root / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
@@ -77,7 +77,7 @@ def stage_code(folder: Path) -> Path:
 
 
 def check_address(address: str) -> None:
-    """Raise InputError where no cluster can be at `address`: Ray itself would try for minutes to reach it."""
+    """Raise InputError where no cluster can be at `address`; Ray would try for minutes to reach it."""
     host, port = _host_and_port(address)
     if not host or not port.isdigit():
         if address == "auto":
@@ -94,7 +94,7 @@ def _host_and_port(address: str) -> tuple[str, str]:
 
 
 def unreachable(host: str, port: int, timeout: float = 5.0) -> str | None:
-    """Why nothing answers at an address; None where something does."""
+    """Return why nothing answers at an address, or None."""
     try:
         socket.create_connection((host, port), timeout=timeout).close()
     except OSError as error:
@@ -104,7 +104,7 @@ def unreachable(host: str, port: int, timeout: float = 5.0) -> str | None:
 
 @contextmanager
 def watched_head(lost: Callable[[str], None]) -> Iterator[None]:
-    """Tell `lost` the address of the cluster's head once it has not answered for HEAD_PATIENCE seconds."""
+    """Call `lost` with the address of the cluster's head once it has not answered for HEAD_PATIENCE seconds."""
     address = str(ray.get_runtime_context().gcs_address)
     over = threading.Event()
     watcher = threading.Thread(target=_watch, args=(address, lost, over), daemon=True)

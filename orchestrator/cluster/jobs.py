@@ -1,4 +1,4 @@
-"""A sweep as a Ray job: sent to a cluster's head, it goes on without the shell that sent it."""
+"""A sweep as a Ray job, which runs on a cluster after the shell that submitted it has ended."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from trainables.errors import InputError
 from trainables.plugins.loader import packed
 
 SPACE_FILE = "space.yaml"
-"""The search space beside the code that is sent."""
+"""The file of the search space, beside the code of the job."""
 
 FILE_OPTIONS = ("--params", "--source")
 """Options of `sweep` whose value may be a file."""
 
 ASK_SECONDS = 180.0
-"""How long the cluster may take to say whether its nodes see the storage."""
+"""Seconds in which the cluster must report whether its nodes can read the storage."""
 
 
 def client(address: str) -> Any:
-    """A client of the head at `address`; InputError where it is no such address, or nobody answers."""
+    """Return a client of the head at `address`. Raises InputError for another address, or where nothing answers."""
     parts = urlparse(address)
     if parts.scheme not in ("http", "https") or not parts.hostname:
         raise InputError(f"a head that takes jobs has an address like http://HOST:8265 (got '{address}')")
@@ -43,7 +43,7 @@ def client(address: str) -> Any:
     try:
         from ray.job_submission import JobSubmissionClient
 
-        for name in ("ray", "ray.dashboard.modules.dashboard_sdk"):  # no word of the packages that they send
+        for name in ("ray", "ray.dashboard.modules.dashboard_sdk"):  # silence their lines on uploaded packages
             logging.getLogger(name).setLevel(logging.WARNING)
         return JobSubmissionClient(address)
     except (ImportError, RuntimeError, ConnectionError) as error:
@@ -52,7 +52,7 @@ def client(address: str) -> Any:
 
 
 def submit(head: Any, space: SearchSpace, words: Sequence[str], name: str) -> str:
-    """Send `deltatune sweep` with `words`, the search space, and the files that either names; the job's id."""
+    """Submit `deltatune sweep` with `words`, the search space and the files that they name; return the job's id."""
     text = yaml.safe_dump(space.to_json(), sort_keys=False)
     files = {SPACE_FILE: text.encode()}
     for key, source in packed().items():
@@ -69,7 +69,7 @@ def submit(head: Any, space: SearchSpace, words: Sequence[str], name: str) -> st
 
 
 def _as_sent(words: Sequence[str], files: dict[str, bytes]) -> Iterator[str]:
-    """Yield the words as the job has to read them; each file that an option names is added to `files`."""
+    """Yield the arguments as the job will read them; the files that options name are added to `files`."""
     before = ""
     for word in words:
         option, equals, value = word.partition("=")
@@ -81,7 +81,7 @@ def _as_sent(words: Sequence[str], files: dict[str, bytes]) -> Iterator[str]:
 
 
 def _sent(word: str, files: dict[str, bytes]) -> str:
-    """Return the name under which the file `word` is sent, one that no other file has; what is no file stays."""
+    """Return the unique name under which the file `word` is sent; `word` itself if it is no file."""
     path = Path(word)
     if not path.is_file():
         return word
@@ -93,7 +93,7 @@ def _sent(word: str, files: dict[str, bytes]) -> str:
 
 
 def check_storage(head: Any, storage: str) -> None:
-    """Ask the cluster whether all of its nodes see the storage; InputError with those that do not."""
+    """Ask the cluster whether all its nodes can read the storage. Raises InputError, which names those that cannot."""
     with _package({}) as folder:
         entrypoint = shlex.join(["python", "-m", "orchestrator.cluster.jobs", storage])
         job = _send(head, entrypoint, folder, {})
@@ -101,7 +101,7 @@ def check_storage(head: Any, storage: str) -> None:
         while not (status := head.get_job_status(job)).is_terminal():
             if time.monotonic() > deadline:
                 head.stop_job(job)
-                raise SweepError(f"the cluster has not said within {ASK_SECONDS:.0f} s whether it sees {storage}")
+                raise SweepError(f"the cluster did not report within {ASK_SECONDS:.0f} s whether it can read {storage}")
             time.sleep(0.5)
     said = [line[len(_MARK) :] for line in head.get_job_logs(job).splitlines() if line.startswith(_MARK)]
     if not said:
@@ -118,8 +118,8 @@ def check_storage(head: Any, storage: str) -> None:
 
 
 def _send(head: Any, entrypoint: str, folder: Path, metadata: dict[str, str]) -> str:
-    """Send a job; a head that has only just started takes none for a while."""
-    deadline = time.monotonic() + YOUNG_SECONDS
+    """Submit a job; a head that has just started refuses jobs for a while."""
+    deadline = time.monotonic() + HEAD_STARTUP_TIMEOUT
     while True:
         try:
             env = {"working_dir": str(folder)}
@@ -134,13 +134,13 @@ def _send(head: Any, entrypoint: str, folder: Path, metadata: dict[str, str]) ->
 _MARK = "deltatune-storage "
 
 
-YOUNG_SECONDS = 60.0
-"""How long a head may say that it cannot take jobs yet."""
+HEAD_STARTUP_TIMEOUT = 60.0
+"""Seconds to wait for a new head to accept jobs."""
 
 
 @contextmanager
 def _package(files: dict[str, bytes]) -> Iterator[Path]:
-    """A folder with our code and some files."""
+    """Yield a folder with this code and some files."""
     folder = stage_code(Path(tempfile.mkdtemp(prefix="deltatune-job-")))
     try:
         for name, data in files.items():
@@ -151,17 +151,17 @@ def _package(files: dict[str, bytes]) -> Iterator[Path]:
 
 
 def _answer(storage: str) -> dict[str, Any]:
-    """On the cluster: who does not see the storage."""
+    """Return, on the cluster, the nodes that cannot read the storage."""
     import ray
 
-    from orchestrator.cluster.nodes import blind_nodes
+    from orchestrator.cluster.nodes import nodes_without_storage
     from trainables.storage.folders import make_folder
     from trainables.storage.paths import storage_path
 
     try:
         folder = make_folder(storage_path(storage))
         ray.init(address="auto", log_to_driver=False, logging_level=logging.ERROR)
-        return {"blind": blind_nodes(folder)}
+        return {"blind": nodes_without_storage(folder)}
     except InputError as error:
         return {"error": str(error)}
 

@@ -1,4 +1,4 @@
-"""The nodes of a cluster: what they offer, what they see, and their processes."""
+"""The nodes of a cluster: their capacity, their access to the storage, and their processes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from trainables.errors import InputError
 from trainables.storage.paths import is_local, storage_path
 
 NODE_PATIENCE = 600.0
-"""Seconds that a cluster may take to have a node that a cell fits on."""
+"""Seconds to wait for a node that a cell fits on."""
 
 
 NODE_ANSWER = 120.0
-"""Seconds that a node may take to start a worker and say what it sees."""
+"""Seconds in which a node must start a worker and answer."""
 
 
 def capacity(resources: Resources, patience: float = 0.0) -> int:
-    """How many cells the cluster takes at a time now.
+    """Return how many cells the cluster can run at a time now.
 
-    A cluster that grows may have no node for a cell yet: one is asked for and waited for, `patience` seconds at most.
+    An autoscaling cluster may have no node for a cell yet: one is requested, and waited for up to `patience` seconds.
     Raises InputError where a cell fits on none of its nodes.
     """
     wanted = resources.request()
@@ -63,7 +63,7 @@ def _amount(name: str, value: float) -> str:
 
 
 def nodes() -> list[tuple[str, str]]:
-    """(id, host name) of the nodes that are alive."""
+    """Return (id, host name) of the nodes that are alive."""
     return [(node["NodeID"], node["NodeManagerHostname"]) for node in _nodes() if node["Alive"]]
 
 
@@ -72,8 +72,8 @@ def _nodes() -> list[dict[str, Any]]:
     return nodes
 
 
-def blind_nodes(folder: Path) -> list[str]:
-    """Host names of the nodes that do not see what is written to `folder` here; those that are dying say nothing."""
+def nodes_without_storage(folder: Path) -> list[str]:
+    """Return the host names of nodes that cannot read what is written to `folder` here. Dying nodes are skipped."""
     there = nodes()
     if len(there) < 2 or not is_local(folder):
         return []
@@ -91,7 +91,7 @@ def blind_nodes(folder: Path) -> list[str]:
 
 
 def _answered(answer: Any) -> bool | None:
-    """What a node has said, False where it could not read at all; None where it is gone, or does not answer."""
+    """Return a node's answer, False where it could not read at all; None where it is gone or does not answer."""
     try:
         seen: bool = ray.get(answer, timeout=0)
     except ray.exceptions.RayTaskError:
@@ -102,13 +102,13 @@ def _answered(answer: Any) -> bool | None:
 
 
 def kill(node: str, pid: int) -> None:
-    """Kill a process of a node, whatever it hangs in. Does not wait for it."""
+    """Send SIGKILL to a process of a node, without waiting for its end."""
     if any(node == there for there, _ in nodes()):
         _on(node, _kill).remote(pid)
 
 
 def _on(node: str, function: Any) -> Any:
-    """`function` as a task for one node, which takes no CPU there."""
+    """Return `function` as a Ray task for one node, which reserves no CPU there."""
     strategy = NodeAffinitySchedulingStrategy(node, soft=False)
     options: Any = {"num_cpus": 0, "max_retries": 0, "scheduling_strategy": strategy}
     return ray.remote(**options)(function)

@@ -1,4 +1,4 @@
-"""The resources of a cell, and those of this machine."""
+"""The resources of a cell, and the CPUs of this machine."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Resources:
-    """What a cell gets of the cluster; fractions let several share a CPU or a GPU."""
+    """What Ray reserves for a cell; fractions let several cells share a CPU or a GPU."""
 
     cpus: float = 1.0
     gpus: float = 0.0
     memory_gib: float = 0.0
-    """0: not accounted for."""
+    """0: none is reserved."""
 
     def request(self) -> dict[str, float]:
-        """As Ray takes it: CPU, GPU, and memory in bytes; what is 0 is left out."""
+        """Return the request for Ray: CPU, GPU, and memory in bytes, without zeros."""
         wanted = {"CPU": self.cpus, "GPU": self.gpus, "memory": self.memory_gib * 2**30}
         return {name: amount for name, amount in wanted.items() if amount}
 
 
 def local_cpus() -> int:
-    """The CPUs that this process may use."""
+    """Return the number of CPUs that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

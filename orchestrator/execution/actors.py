@@ -1,4 +1,4 @@
-"""Whose greedy policies can be watched: a cell's agent and its sources, a registered model, a source's file."""
+"""The greedy policies that can be filmed: a cell's agent and its sources, a registered model, a source file."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from trainables.training.policy import Policy, source_policy
 from trainables.training.train import source_knowledge, train
 
 MAX_SOURCES = 3
-"""Most sources beside an agent that chooses among several."""
+"""Sources shown beside an agent that chooses among several."""
 
 
 @dataclass(frozen=True)
 class Actor:
-    """Somebody who acts greedily."""
+    """A greedy policy with its title."""
 
     title: str
     policy: Policy
     delta: NDArray[np.float64] | None = None
-    """(S,): max_a |delta(s, a)| of the knowledge that it used, or of its own where it used none; tabular tasks."""
+    """(S,), tabular tasks: max_a |delta(s, a)| of the source that the agent used, or of its own values without one."""
 
 
 @dataclass(frozen=True)
 class Cast:
-    """Who acts, and where."""
+    """The actors and the task on which they act."""
 
     task: Task
     actors: tuple[Actor, ...]
@@ -54,10 +54,10 @@ def cast(
     sweep: str | None = None,
     on_training: Callable[[Cell], None] = lambda cell: None,
 ) -> Cast:
-    """Return who is meant by a cell's id, models:/NAME@ALIAS, or the path of a source's file (.npz).
+    """Return the actors for a cell's id, models:/NAME@ALIAS, or the path of a source file (.npz).
 
-    A cell whose knowledge is not in the source library is trained again, which gives the same bits; `on_training` is
-    told before. task: where they act; default: the cell's own. Raises InputError for what is unknown or does not fit.
+    A cell whose knowledge is not in the source library is first trained again, which gives the same bits; on_training
+    is called before. task: where they act; default: the cell's task. Raises InputError for what is unknown or unfit.
     """
     if name.startswith("models:") or name.endswith(".npz"):
         source = read_one(name, uri() if name.startswith("models:") else "")
@@ -102,7 +102,7 @@ def _source(cell: Cell, knowledge: Knowledge, target: Task, checkpoint: str, tit
 
 
 def _delta(knowledge: Knowledge, cell: Cell, target: Task) -> NDArray[np.float64] | None:
-    """Return max_a |delta(s, a)| of what is known on the target, (S,); None where the target is not tabular."""
+    """Return max_a |delta(s, a)| (S,) of the knowledge on the target; None where the target is not tabular."""
     if not target.tabular or "q" not in knowledge.arrays:
         return None
     model = target.model()

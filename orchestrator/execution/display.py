@@ -1,4 +1,4 @@
-"""The display of a running sweep: a live line in a terminal, a calm one now and then in a log file."""
+"""The display of a running sweep: a live line in a terminal, else a line every LOG_EVERY seconds."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ LOG_EVERY = 15.0
 
 
 MAX_NOTES = 5
-"""Warnings of one logger that a stage shows; the rest is in the driver log alone."""
+"""Warnings of one logger that a stage shows; the driver log has all."""
 
 log = logging.getLogger("deltatune.sweep")
 
 
 def bars(console: Console) -> Bars:
-    """Return the live line, with as much in it as the terminal has room for: bar and count in any."""
+    """Return the live line: bar and count, and more columns as far as the terminal is wide enough."""
     width = console.width
     columns: list[ProgressColumn] = [_text("[bold]{task.description}"), BarColumn(24 if width >= 120 else 12)]
     columns += [_text("{task.fields[ended]}/{task.total}"), _text("{task.fields[percent]}")]
@@ -46,12 +46,12 @@ def bars(console: Console) -> Bars:
 
 
 def _text(text: str, most: int | None = None) -> TextColumn:
-    """Return a column of the live line that is never folded, cut at `most` characters."""
+    """Return a column of the live line that never wraps, cut at `most` characters."""
     return TextColumn(text, table_column=Column(no_wrap=True, overflow="ellipsis", max_width=most))
 
 
 def fields(snapshot: Snapshot) -> dict[str, Any]:
-    """What the live line shows of a snapshot."""
+    """Return a snapshot's fields for the live line."""
     return {
         "description": snapshot.stage,
         "total": snapshot.total,
@@ -82,7 +82,7 @@ class _Notes(logging.Handler):
 
 
 class Display:
-    """Shows one stage: done, running, failed, left; time to go; the best cell so far. Also into the sweep's log."""
+    """Shows a stage's progress: cells done, running, failed, left; remaining time; best cell. Also writes the log."""
 
     def __init__(self, console: Console, stage: str, total: int, folder: Path) -> None:
         self._console, self._folder = console, folder
@@ -123,22 +123,22 @@ class Display:
         self._show()
 
     def progress(self, report: worker.Progress) -> None:
-        """Take in how much of a long cell is done."""
+        """Update the finished share of a long cell."""
         self._progress.share(report.cell, report.share, report.step)
         self._show()
 
     def over(self, cell: str) -> None:
-        """A cell is no longer at work."""
+        """Forget a cell that no longer runs."""
         self._progress.over(cell)
 
     def running(self, packs: int) -> None:
-        """Take in how many workers are at work."""
+        """Update the number of busy workers."""
         self._progress.running(packs)
         self._show()
 
     def abandon(self, address: str) -> None:
-        """End this process: the cluster's head is gone, and Ray hangs without it. All ended cells are on disk."""
-        text = f"the head of the Ray cluster at {address} is gone; ended cells are kept, the same command goes on"
+        """Exit this process, since Ray hangs without the cluster's head. All finished cells are on disk."""
+        text = f"the head of the Ray cluster at {address} is gone; finished cells are kept, the same command continues"
         log.error("%s", text)
         driver_log.flush()
         self._bars.stop()

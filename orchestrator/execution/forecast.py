@@ -1,4 +1,4 @@
-"""What a sweep would do: its stages, their cells, what is done already, and what the rest would cost."""
+"""The forecast of a sweep: its stages, their cells, how many are done, and the cost of the rest."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ from trainables.training.throughput import Rate, measure
 log = logging.getLogger("deltatune.forecast")
 
 SIZES = ("hidden_size", "hidden_layers", "batch_size", "evaluate_every", "evaluation_episodes", "module", "device")
-"""Hyperparameters that decide how long an episode takes."""
+"""Hyperparameters that determine how long an episode takes."""
 
 START_SECONDS = {"ray": 10.0, "local": 2.0}
-"""What a sweep takes before its first cell runs, and between its stages: imports, Ray, workers."""
+"""Seconds before the first cell runs, and between the stages: imports, Ray, workers."""
 
 PUBLISH_SECONDS, PUBLISH_SECONDS_PER_CELL = 6.0, 0.04
-"""What tables, figures, the report and MLflow take at the end: for any sweep, and for each of its cells."""
+"""Seconds for tables, figures, the report and MLflow at the end: per sweep, and per cell."""
 
 Key = tuple[str, str, tuple[Any, ...]]
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What an episode costs, for an agent on a task, evaluations included."""
+    """The cost of an episode for an agent on a task, evaluations included."""
 
     agent: str
     task: str
     low: float
-    """Seconds of one episode: with the fewest steps seen."""
+    """Seconds of an episode with the fewest steps seen."""
     high: float
-    """Seconds of one episode: with the most."""
+    """Seconds of an episode with the most steps seen."""
     origin: str
-    """Where this is from: earlier cells, or a measurement now."""
+    """The basis of the estimate: earlier cells, or a measurement now."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +68,12 @@ class Stage:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a sweep would do."""
+    """What a sweep would run, and its cost."""
 
     stages: tuple[Stage, ...]
     costs: tuple[Cost, ...]
     unknown: tuple[str, ...]
-    """Why the cost of some cells is not known."""
+    """Why the cost of some cells is unknown."""
     workers: int
     start: float
     """Seconds to start up; 0 where nothing is left to run."""
@@ -82,15 +82,15 @@ class Forecast:
 
     @property
     def wall(self) -> tuple[float, float]:
-        """Seconds from the command to the report, from and to: starting, cells on all workers, publishing."""
+        """Seconds (low, high) from the command to the report: starting, cells on all workers, publishing."""
         low, high = (sum(side) / self.workers for side in zip(*((s.low, s.high) for s in self.stages), strict=True))
         return low + self.start + self.publish, high + self.start + self.publish
 
 
 def forecast(space: SearchSpace, settings: Settings, results: Results, workers: int) -> Forecast:
-    """The forecast of a sweep into the folder of `results`, which need not be there. Writes nothing.
+    """Return the forecast of a sweep into the folder of `results`, which need not exist. Writes nothing.
 
-    Measures for about two seconds each agent and task family of which no sweep in the same storage has a record.
+    Each agent and task family without a record in the same storage is measured for about two seconds.
     """
     ledger, costs = Ledger(results, settings.retry_failed, space, reads_only=True), _Costs(results.storage)
     arms = source_arms(space, settings.params)
@@ -124,7 +124,7 @@ def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, 
 
 
 def _choice(ledger: Ledger, arm: Arm, keep: bool) -> SourceChoice:
-    """The outcome of stage 1 where its cells have ended; else a stand-in, whose transfer cells are none that exist."""
+    """Return the outcome of stage 1 if its cells have ended, else a placeholder; its transfer cells match no record."""
     cells = arm.all_cells() or ledger.searched(arm)
     if cells and all(ledger.ended(cell, keep) for cell in cells):
         return choose(ledger, arm, cells)
@@ -132,7 +132,7 @@ def _choice(ledger: Ledger, arm: Arm, keep: bool) -> SourceChoice:
 
 
 class _Costs:
-    """The costs of cells: from the records of a storage folder, else measured, each agent and task family once."""
+    """The costs of cells, from the records of a storage folder, else measured once per agent and task family."""
 
     def __init__(self, storage: Path) -> None:
         self._recorded = _recorded(storage)
@@ -141,7 +141,7 @@ class _Costs:
         self.unknown: list[str] = []
 
     def of(self, cells: Iterable[Cell]) -> tuple[float, float]:
-        """Seconds of all `cells` on one worker, from and to."""
+        """Return the seconds (low, high) of all `cells` on one worker."""
         low = high = 0.0
         for cell in cells:
             cost = self._cost(cell)
@@ -180,13 +180,13 @@ class _Costs:
 
 
 def _recorded(storage: Path) -> dict[Key, list[float]]:
-    """Return the seconds an episode of every done cell of the sweeps in a storage folder; a damaged sweep has none."""
+    """Return the seconds per episode of every done cell in a storage folder; damaged sweeps are skipped."""
     found: dict[Key, list[float]] = {}
     for results in sweeps(storage, None):
         try:
             heads = [head for head in results.heads().values() if head.status == "done"]
         except InputError as error:
-            log.warning("%s tells nothing of costs: %s", results.folder, error)
+            log.warning("%s is skipped in the estimate of costs: %s", results.folder, error)
             continue
         for head in heads:
             key = _key(head.cell.agent, head.cell.task, head.cell.hyperparameters)

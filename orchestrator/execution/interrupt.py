@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP: a sweep ends with its cells checkpointed, not in the middle of things."""
+"""Ctrl-C, SIGTERM and SIGHUP: running cells are checkpointed before the sweep ends."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from typing import Any, ClassVar
 from trainables.training.worker import STOP
 
 GRACE_SECONDS = 10.0
-"""How long running cells may take to come to their next evaluation and be checkpointed."""
+"""Seconds for running cells to reach their next evaluation and be checkpointed."""
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Ctrl-C; what a job's stop sends; what a terminal or a connection sends that closes."""
+"""Ctrl-C; the stop of a job; the closing of a terminal or connection."""
 
 log = logging.getLogger("deltatune.interrupt")
 
 
 class Interrupt:
-    """Takes SIGNALS while a stage runs; a second one does not wait. One that is ignored (by nohup, say) stays so.
+    """Handles SIGNALS while a stage runs; the second one ends it at once. Ignored signals (nohup) stay ignored.
 
-    now: ends the stage without waiting any longer; called in the main thread. checkpoints: the folder that workers of
-    other processes look into for the wish to stop; None: there are none.
+    now: ends the stage at once; called in the main thread. checkpoints: the folder in which workers in other processes
+    look for the request to stop; None: there are none.
     """
 
     active: ClassVar[Interrupt | None] = None
-    """That of the stage that runs in this process."""
+    """The instance of the stage that runs in this process, if any."""
 
     def __init__(self, now: Callable[[], None], checkpoints: Path | None = None) -> None:
         self.asked = False
@@ -64,9 +64,9 @@ class Interrupt:
         threading.Thread(target=self._ask, args=(number,), daemon=True).start()
 
     def _ask(self, number: int) -> None:
-        """Tell the workers, and give them some time; a stage that has ended by then is left alone."""
+        """Ask the workers to stop, and end the stage after GRACE_SECONDS if it still runs."""
         log.warning(
-            "asked to stop: running cells have %.0f s to be checkpointed; a second time ends now", GRACE_SECONDS
+            "asked to stop: running cells have %.0f s to be checkpointed; a second signal ends them", GRACE_SECONDS
         )
         if self._file is not None:
             try:
@@ -78,7 +78,7 @@ class Interrupt:
 
 
 def stop_now() -> None:
-    """End the stage that runs in this process, if any, without a word to its workers, who may serve another driver."""
+    """End the stage that runs in this process, if any, without asking its workers, which may serve another driver."""
     if (stage := Interrupt.active) is not None:
         stage.asked = True
         os.kill(os.getpid(), signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""What a running sweep knows of its cells: which are planned, which have ended, and what came of them."""
+"""The ledger of a running sweep: which cells are planned, which have ended, and their outcomes."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ log = logging.getLogger("deltatune.sweep")
 
 
 class Ledger:
-    """The one writer of a sweep's records and of the source library."""
+    """Writes a sweep's records and the source library; nothing else in a driver does."""
 
     def __init__(
         self, results: Results, retry_failed: bool, space: SearchSpace | None = None, reads_only: bool = False
     ) -> None:
-        """space: what is asked for; default: what the folder of `results` says. reads_only: write nothing."""
+        """space: default that in the folder of `results`. reads_only: write nothing."""
         self.library = SourceLibrary(results.storage)
         self.checkpoints = results.folder / "checkpoints"
         self._results = results
@@ -43,16 +43,16 @@ class Ledger:
         self._stops = (space or results.space()).search.scheduler is not None
         self._heads = results.heads()
         self.damage = results.damage()
-        """What of the records is damaged, in sentences: their cells run again."""
+        """Damage of the records, in sentences; the cells concerned run again."""
         plan, self._labels = self._planned_before()
         self._plan = {stage: {cell.id: cell for cell in cells} for stage, cells in plan.items()}
         self._arms: dict[str, Sequence[Arm]] = {}
         self._new: set[str] = set()
         self._whole: set[str] = set()
-        """Cells whose knowledge is in the library, to the last bit."""
+        """Cells whose knowledge in the library was verified."""
 
     def _planned_before(self) -> tuple[Plan, dict[str, Labels]]:
-        """Return the plan of the run before and its labels; a damaged one is drawn anew from the search space."""
+        """Return the plan and labels of the previous run; empty where they are damaged."""
         try:
             return self._results.plan(), self._results.labels()
         except DamagedError as error:
@@ -60,7 +60,7 @@ class Ledger:
             return {}, {}
 
     def plan(self, stage: str, cells: Iterable[Cell], arms: Sequence[Arm] | None = None) -> list[Cell]:
-        """Write down the cells of a stage, each once, and the arms that they are of (default: those of last time)."""
+        """Record the cells of a stage, each once, and their arms (default: those of the previous call)."""
         self._plan[stage] = {cell.id: cell for cell in cells}
         if arms is not None:
             self._arms[stage] = arms
@@ -70,11 +70,11 @@ class Ledger:
         return self.planned(stage)
 
     def planned(self, stage: str) -> list[Cell]:
-        """The cells of a stage as known now, those that a search has asked for included."""
+        """Return the cells of a stage known so far, those suggested by a search included."""
         return list(self._plan.get(stage, {}).values())
 
     def ended(self, cell: Cell, keep: bool = False) -> bool:
-        """Whether there is nothing more to run. `keep`: the cell's knowledge must be in the library too."""
+        """Return whether the cell need not run any more. keep: its knowledge must be in the library too."""
         if keep and cell.id not in self._heads:
             self._take_over(cell)
         head = self._heads.get(cell.id)
@@ -83,11 +83,11 @@ class Ledger:
         if head.status == "failed":
             return cell.id in self._new or not self._retry_failed
         if head.status == "stopped":
-            return self._stops  # without a scheduler it is wanted whole
+            return self._stops  # without a scheduler the cell has to be trained to its end
         return not keep or self._has_source(cell)
 
     def _has_source(self, cell: Cell) -> bool:
-        """Return whether the library has what a cell has learned, whole; looked at once where that is so."""
+        """Return whether the library has a cell's knowledge undamaged; an intact one is verified only once."""
         if cell.id not in self._whole and self.library.has(cell.id):
             if damage := self.library.damage(cell.id):
                 log.warning("%s: the cell trains again", damage.partition(": move it away")[0])
@@ -96,7 +96,7 @@ class Ledger:
         return cell.id in self._whole
 
     def _take_over(self, cell: Cell) -> None:
-        """The record of a source that another sweep of this storage has trained, where there is one."""
+        """Copy the record of a source that another sweep in this storage has trained, if there is one."""
         record = self.library.record(cell.id) if self._has_source(cell) else None
         if record is None or record.status != "done":
             return
@@ -106,23 +106,23 @@ class Ledger:
             self._results.add(record)
 
     def new(self, cell: Cell) -> bool:
-        """Whether the cell has ended in this run."""
+        """Return whether the cell has ended in this run."""
         return cell.id in self._new
 
     def source_run(self, cell: Cell) -> SourceRun:
-        """What stage 2 needs to know of a done cell of stage 1."""
+        """Return what stage 2 needs to know about a done cell of stage 1."""
         summary = self._heads[cell.id].summary
         return SourceRun(cell, float(summary["best_return"] or 0), self._auc(cell), int(summary["steps"] or 0))
 
     def score(self, cells: Sequence[Cell]) -> float | None:
-        """Mean AUC of a configuration's cells; None where one is not done."""
+        """Return the mean AUC of a configuration's cells; None where one is not done."""
         heads = [self._heads.get(cell.id) for cell in cells]
         if not all(head is not None and head.status == "done" for head in heads):
             return None
         return auc([self._auc(cell) for cell in cells])
 
     def scores(self, arm: Arm) -> list[list[float]]:
-        """The mean of the greedy returns so far, by evaluation, of every configuration of an arm that has ended."""
+        """Return for each finished configuration of an arm the mean greedy return up to each evaluation."""
         groups: dict[str, list[Cell]] = defaultdict(list)
         for head in self._heads.values():
             if head.status in ("done", "stopped") and arm.owns(head.cell):
@@ -130,10 +130,9 @@ class Ledger:
         return [self._means(cells) for cells in groups.values()]
 
     def take(self, stage: str, outcomes: Sequence[Outcome]) -> list[Record]:
-        """Put the outcomes of cells on disk: first what they have learned, then their records, which are returned.
+        """Write the outcomes of cells to disk, first their knowledge, then their records; return the records.
 
-        A cell that is done already, which a trial that was started again after its worker was lost tells a second
-        time, is left out.
+        A cell that is already done is skipped: a trial restarted after a lost worker reports it a second time.
         """
         records = []
         for outcome in outcomes:
@@ -153,17 +152,17 @@ class Ledger:
         return records
 
     def searched(self, arm: Arm) -> list[Cell]:
-        """The cells that a search of this arm has asked for in earlier runs."""
+        """Return the cells that a search of this arm has suggested in earlier runs."""
         return [head.cell for head in self._heads.values() if arm.owns(head.cell)]
 
     def table(self, cells: Iterable[Cell], stage: str) -> pd.DataFrame:
-        """The cells table of some cells."""
+        """Return the cells table of some cells."""
         import pandas as pd
 
         return pd.DataFrame([cell_row(stage, cell, self._heads.get(cell.id)) for cell in cells])
 
     def close(self) -> None:
-        """Merge what this run has appended, and drop what is damaged: those cells have run again, or are missing."""
+        """Merge what this run has appended, and drop damaged records, whose cells have run again or are missing."""
         self._results.log.compact()
 
     def _auc(self, cell: Cell) -> float:

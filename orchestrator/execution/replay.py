@@ -1,4 +1,4 @@
-"""Running one recorded cell again in the plain process, to see whether every bit of its curve agrees."""
+"""Replay: one recorded cell is trained again in this process, and every bit of its curve compared."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Replay:
-    """What came of running a cell again."""
+    """The comparison of a recorded curve with a new one."""
 
     cell_id: str
     sweep: str
@@ -32,13 +32,13 @@ class Replay:
     seed: int
     points: int
     agrees: bool
-    """Whether every bit of the curve is the recorded one's."""
+    """Whether every bit of the two curves agrees."""
     first_difference: str | None
-    """The first number that differs, in words."""
+    """The first number that differs, as text."""
 
 
 def find(storage: Path, cell_id: str, sweep: str | None = None) -> Results:
-    """The sweep in `storage` (or the one named) that has a record of the cell; InputError where none has."""
+    """Return the sweep in `storage`, or the one named, that has a record of the cell. Raises InputError for none."""
     folders = [Results.open(storage, sweep)] if sweep else [Results(p.parent) for p in storage.glob("*/sweep.json")]
     for results in folders:
         if results.record(cell_id) is not None:
@@ -48,7 +48,7 @@ def find(storage: Path, cell_id: str, sweep: str | None = None) -> Results:
 
 
 def replay(storage: Path, cell_id: str, sweep: str | None = None) -> Replay:
-    """Train a recorded cell again here, without Ray, and compare. InputError for an unknown or a failed cell."""
+    """Train a recorded cell again in this process, and compare. Raises InputError for an unknown or failed cell."""
     results = find(storage, cell_id, sweep)
     record = results.record(cell_id)
     if record is None or record.status != "done":

@@ -1,4 +1,4 @@
-"""A sweep's session: the lock first, then its files; on every way out the tracker's status, the lock and a sentence."""
+"""A sweep's session: takes the lock first, then writes its files; sets the tracker's status and frees the lock."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ log = logging.getLogger("deltatune.session")
 
 
 class SweepSession:
-    """One driver at one sweep, from `open` to the end of the block."""
+    """One driver of one sweep, from `open` to the end of the block."""
 
     def __init__(self, results: Results, tracker: Tracker | None, console: Console, hold: Hold) -> None:
         self.results, self.tracker = results, tracker
@@ -51,12 +51,12 @@ class SweepSession:
         tracking_uri: str | None = None,
         console: Console | None = None,
     ) -> Iterator[SweepSession]:
-        """Open the sweep `name` in `storage`, new or grown by `space`: take its lock, then write what it is to be.
+        """Open the sweep `name` in `storage`, new or extended by `space`: take its lock, then write its files.
 
-        sources: pretrained ones, in place of training them. tracking_uri: the tracker to write to; None: none.
-        A driver that is refused (InputError: another one is at it, or the folder is another search space's) changes
-        nothing. When the block is left, in whatever way, the tracker says how it ended and the lock is free; an error
-        is followed by a sentence that says where things are.
+        sources: pretrained ones, which are not trained. tracking_uri: the tracker to write to; None: none.
+        Raises InputError, and changes nothing, where another driver runs the sweep or the folder belongs to another
+        search space. However the block ends, the tracker gets the final status and the lock is released; after an
+        error a sentence says where the results are.
         """
         console = console or Console(quiet=True)
         results = Results.prepare(storage, name)
@@ -74,9 +74,9 @@ class SweepSession:
                 session._end("KILLED")
 
     def run(self, settings: Settings, meanwhile: Callable[[], object] = lambda: None) -> RunSummary:
-        """Run what is missing; see `run_held`. A tally with `left` is of a run that was interrupted.
+        """Run the missing cells; see `run_held`. A summary with `left` means that the run was interrupted.
 
-        meanwhile: called in a thread of its own when the first cell has ended, to import what the end needs, say.
+        meanwhile: called in a thread when the first cell has ended, for instance to import what publishing needs.
         """
         begun: list[threading.Thread] = []
 
@@ -97,9 +97,9 @@ class SweepSession:
         return tally
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> list[str]:
-        """Write what came of the sweep into its tracker, sources into MLflow's registry too; the registered models.
+        """Write the results to the tracker, and sources to MLflow's registry; return the registered models.
 
-        What it does not take is told by `tracker.error`: the results are whole without it.
+        `tracker.error` says what could not be written; the results on disk are complete without it.
         """
         if self.tracker is None:
             return []
@@ -117,7 +117,7 @@ class SweepSession:
             return []
 
     def _left_by(self, error: BaseException) -> None:
-        """Note an error that ends the session: in the tracker, and in a sentence where it is not the user's input."""
+        """Report an error that ends the session: to the tracker, and in a sentence unless it is bad input."""
         stopped = isinstance(error, KeyboardInterrupt | InterruptedSweepError)
         known = self._ended
         self._end("KILLED" if stopped else "FAILED")
@@ -127,19 +127,19 @@ class SweepSession:
         with suppress(Exception):
             there = len(self.results.heads())
             self._console.print(
-                f"{there} cells have ended and are kept in {self.results.folder}; the same command goes on from there",
+                f"{there} finished cells are kept in {self.results.folder}; the same command continues from there",
                 soft_wrap=True,
             )
 
     def _end(self, status: str) -> None:
-        """Give the tracker a status, once; not where the sweep is another driver's by now."""
+        """Set the tracker's status, once, unless another driver has taken over the sweep."""
         if not self._ended and self.tracker is not None:
             self.tracker.stop(None if self._hold.lost else status)
         self._ended = True
 
 
 def _quietly(work: Callable[[], object]) -> None:
-    """Do what may fail: whoever needs it fails then, and says so."""
+    """Run `work` and ignore its errors, which occur again where its result is needed."""
     try:
         work()
     except Exception as error:
@@ -148,9 +148,9 @@ def _quietly(work: Callable[[], object]) -> None:
 
 @contextmanager
 def _signals() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into an error, so that every way out is gone; a second one ends the process at once.
+    """Turn SIGTERM and SIGHUP into an error, so that all clean-up runs; a second signal ends the process at once.
 
-    A signal that is ignored (by nohup, say) stays so, and only the main thread can take any.
+    Ignored signals (nohup) stay ignored, and only the main thread can handle any.
     """
     before: dict[int, Any] = {}
 

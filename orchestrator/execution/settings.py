@@ -1,4 +1,4 @@
-"""How a sweep is to run, and what a run of it did."""
+"""The settings of a run of a sweep, and its summary."""
 
 from __future__ import annotations
 
@@ -11,46 +11,46 @@ from orchestrator.planning.source_choice import Runs
 from orchestrator.results.records.record import Record
 
 OnRecord = Callable[[str, Record], None]
-"""Is told the stage and the record of each cell as it ends."""
+"""Called with the stage and the record of each cell as it ends."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a sweep runs; nothing here decides a result but `params`, which settles hyperparameters, and `pretrained`."""
+    """How a sweep runs. Only `params`, which fixes hyperparameters, and `pretrained` affect its results."""
 
     workers: int | None = None
-    """Cells at a time; None: as many as there are CPUs for."""
+    """Cells at a time; None: one per CPU."""
     address: str | None = None
     """A running Ray cluster; None: this machine."""
     local: bool = False
-    """Without Ray: in this process where `workers` is 1, else in that many processes beside it."""
+    """Whether to run without Ray: in this process if `workers` is 1, else in that many worker processes."""
     retry_failed: bool = False
     checkpoint_seconds: float = 5.0
-    """Time between the checkpoints of a long cell."""
+    """Seconds between the checkpoints of a long cell."""
     time_limit: float | None = None
-    """Seconds that a cell may take; what takes longer fails."""
+    """Seconds after which a cell fails; None: no limit."""
     resources: Resources = field(default_factory=Resources)
     params: Params = field(default_factory=dict)
     pretrained: Runs = field(default_factory=dict)
-    """Sources that are not trained here."""
+    """Pretrained sources, which stage 1 does not train."""
 
 
 @dataclass
 class RunSummary:
-    """What a run of a sweep did."""
+    """The counts and times of one run of a sweep."""
 
     ran: int = 0
     failed: int = 0
     stopped: int = 0
-    """Cells that a scheduler ended early."""
+    """Cells that a scheduler stopped early."""
     reused: int = 0
-    """Cells that had ended before."""
+    """Cells that had ended in earlier runs."""
     training_seconds: float = 0.0
     """Summed over the cells that ran."""
     seconds: float = 0.0
     workers: int = 0
     left: int = 0
-    """Cells that an interruption has left."""
+    """Cells left to run after an interruption."""
 
     def ended(self, record: Record) -> None:
         """Count an ended cell."""

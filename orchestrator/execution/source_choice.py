@@ -1,4 +1,4 @@
-"""Choosing the source of a scenario once its stage 1 has ended."""
+"""Chooses the source of a scenario once its stage 1 has ended."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from trainables.cell import Cell
 
 
 def choose(ledger: Ledger, arm: Arm, planned: Iterable[Cell]) -> SourceChoice:
-    """Return the outcome of stage 1 for one source's arm, whose cells are among `planned` and have ended.
+    """Return the outcome of stage 1 for a source's arm, whose cells are among `planned` and have ended.
 
-    Where no configuration has all its seeds, the source is lost, and the choice says why.
+    Where no configuration has all its seeds, the source is lost, and `SourceChoice.lost` says why.
     """
     from orchestrator.analysis.groups import groups
     from orchestrator.analysis.selection import select

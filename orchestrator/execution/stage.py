@@ -1,4 +1,4 @@
-"""Running what a stage lacks: its queue, what its workers need, and what becomes of its cells."""
+"""Runs the missing cells of a stage: builds the queue, ships the sources, persists the outcomes."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ Arrays = dict[str, Any]
 
 @dataclass(frozen=True)
 class Work:
-    """What a stage has to run."""
+    """The cells of a stage to run."""
 
     stage: str
     arms: Sequence[Arm]
     missing: list[Cell]
     keep: bool
-    """Whether what each cell has learned is wanted."""
+    """Whether each cell's knowledge is to be kept."""
 
 
 class Stages:
-    """Runs stages on one executor, which is opened when the first cell is missing."""
+    """Runs stages on one executor, which is opened for the first missing cell."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class Stages:
         self._opened: tuple[Executor, Workplace] | None = None
 
     def run(self, work: Work) -> None:
-        """Run what is missing; InterruptedSweepError where something is left."""
+        """Run the missing cells. Raises InterruptedSweepError where an interruption leaves some."""
         ledger = self._ledger
         tuned = [arm for arm in work.arms if arm.ranges]
         searches = [self._search(arm) for arm in tuned]
@@ -99,14 +99,14 @@ class Stages:
         return Tuned(arm, self._space.search, self._ledger.searched(arm), self._ledger.score)
 
     def lose(self, stage: str, cells: Iterable[tuple[Cell, str]]) -> None:
-        """Write down cells that cannot run, each with the reason, as failed."""
+        """Record cells that cannot run as failed, each with its reason."""
         outcomes = [lost(cell, why, 0.0) for cell, why in cells]
         for record in self._ledger.take(stage, outcomes) if outcomes else ():
             self._summary.ended(record)
             self._on_record(stage, record)
 
     def _open(self) -> tuple[Executor, Workplace]:
-        """The executor, opened once."""
+        """Return the executor and its workplace, opened once."""
         if self._opened is None:
             made = executor(self._settings)
             self._opened = made, made.open(self._ledger.checkpoints, self._console, self._stack)
@@ -114,7 +114,7 @@ class Stages:
         return self._opened
 
     def _queue(self, work: Work, searches: Sequence[Tuned], workplace: Workplace) -> WorkQueue:
-        """The missing cells, long ones first; where a scheduler stops configurations, each of those is one pack."""
+        """Return the queue of missing cells, long ones first; with a scheduler each configuration is one pack."""
         together = self._space.search.scheduler is not None
         packs: list[Pack] = []
         alone = work.missing
@@ -143,7 +143,7 @@ class Stages:
         return EarlyStopping(settings, arms, self._ledger.scores) if settings else None
 
     def _sources(self, cells: Iterable[Cell]) -> dict[str, Arrays]:
-        """The arrays of every source that `cells` use, by `Source.key`."""
+        """Return the arrays of every source that `cells` use, by `Source.key`."""
         sources: dict[str, Arrays] = {}
         for cell in cells:
             if cell.sources and cell.source_key not in sources:

@@ -1,4 +1,4 @@
-"""A sweep: stage 1 trains the sources, stage 2 the transfers; what is done already is never run again."""
+"""Runs a sweep: stage 1 trains the sources, stage 2 the transfers; finished cells never run again."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from search_spaces.search_space import SearchSpace
 def run(
     results: Results, settings: Settings, console: Console, on_record: OnRecord = lambda stage, record: None
 ) -> RunSummary:
-    """Take the lock of a sweep, and run what is missing; see `run_held`. InputError where another driver is at it."""
+    """Take a sweep's lock and run its missing cells; see `run_held`. Raises InputError where another driver runs it."""
     with locked(results.folder) as hold:
         results.log.guard(hold)
         return run_held(results, settings, console, on_record)
@@ -34,16 +34,16 @@ def run(
 def run_held(
     results: Results, settings: Settings, console: Console, on_record: OnRecord = lambda stage, record: None
 ) -> RunSummary:
-    """Run what is missing of a sweep whose lock is held, telling `on_record` of each cell as it ends.
+    """Run the missing cells of a sweep whose lock is held, calling `on_record` for each cell as it ends.
 
-    After Ctrl-C or SIGTERM the tally says in `left` how many cells are left. Raises InputError for a cell that fits on
+    After Ctrl-C or SIGTERM the summary has the cells that remain in `left`. Raises InputError for a cell that fits on
     no node; SweepError where a record cannot be written, another driver took the sweep over or the cluster is gone.
     """
     started = clock.monotonic()
     with ExitStack() as stack:
         ledger, tally = Ledger(results, settings.retry_failed), RunSummary()
         for damage in (*results.mended, *ledger.damage):
-            console.print(f"{damage}: what was lost by it runs again", style="yellow", soft_wrap=True)
+            console.print(f"{damage}: the cells concerned run again", style="yellow", soft_wrap=True)
         sweep = _Sweep(
             results, settings, ledger, tally, Stages(results, settings, ledger, tally, console, on_record, stack)
         )
@@ -66,7 +66,7 @@ class _Sweep:
         self._ledger, self._tally, self._stages = ledger, tally, stages
 
     def run(self) -> int:
-        """Run both stages; how many cells an interruption has left."""
+        """Run both stages, and return how many cells an interruption has left."""
         ledger = self._ledger
         try:
             self.transfer(self.train_sources())
@@ -76,7 +76,7 @@ class _Sweep:
         return 0
 
     def _unplanned(self) -> int:
-        """Return how many transfer cells wait for sources that are not there yet."""
+        """Return how many transfer cells wait for sources that are not trained yet."""
         sources = source_arms(self._space, self._settings.params)
         choices = settle(sources, self._settings.pretrained, lambda arm: untrained(arm, PLACEHOLDER_STEPS))
         arms = transfer_arms(self._space, choices, self._settings.params)
@@ -85,7 +85,7 @@ class _Sweep:
         return searched + sum(not self._ledger.ended(cell) for cell in cells)
 
     def train_sources(self) -> list[Choices]:
-        """Stage 1: the outcome of each scenario's sources."""
+        """Run stage 1, and return the outcome for each scenario's sources."""
         arms, pretrained = source_arms(self._space, self._settings.params), self._settings.pretrained
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
         every = (arm for scenario in arms for arm in scenario.values())
@@ -93,11 +93,11 @@ class _Sweep:
         return settle(arms, pretrained, lambda arm: choose(self._ledger, arm, self._ledger.planned(SOURCE)))
 
     def transfer(self, choices: Sequence[Choices]) -> None:
-        """Stage 2. What a source that has failed was for fails with it; the rest runs."""
+        """Run stage 2. The transfers of a failed source fail with it; the others run."""
         self._run(TRANSFER, transfer_arms(self._space, choices, self._settings.params), keep=False)
 
     def _run(self, stage: str, arms: Sequence[Arm], keep: bool) -> None:
-        """Plan a stage and run what it lacks."""
+        """Plan a stage and run its missing cells."""
         ledger, search = self._ledger, self._space.search
         arms = [_drawn(arm, self._space) if arm.ranges and search.method == "random" else arm for arm in arms]
         lost = {cell.id: (cell, arm.lost) for arm in arms if arm.lost for cell in arm.some_cells()}
@@ -115,7 +115,7 @@ class _Sweep:
 
 
 def _drawn(arm: Arm, space: SearchSpace) -> Arm:
-    """The arm with its ranges replaced by random draws from them."""
+    """Return the arm with its ranges replaced by random draws from them."""
     from orchestrator.planning.search import draw
 
     return replace(arm, grid=tuple(draw(arm, space.search)), ranges={})

@@ -1,6 +1,6 @@
-"""The queue of a stage: packs cells into trials, and decides on those whose worker is lost or hangs.
+"""The queue of a stage: packs cells into trials, and decides what happens after a lost or overdue worker.
 
-It reads the state of cells and returns what must fail; it never writes.
+It reads the state of cells and returns the cells that must fail; it never writes.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from orchestrator.planning.search import Tuned
 
 TARGET_SECONDS = 4.0
-"""What a trial should take at least: its start and end cost the driver about a twentieth of a second."""
+"""Least length of a trial, since starting and ending one costs the driver about 0.05 s."""
 
 MAX_PACK_SIZE = 128
-"""Cells of one trial at most."""
+"""Cells of one trial."""
 
 MAX_TRIALS = 20_000
-"""Trials of a stage that Tune is trusted with: it keeps each of them, some 20 KB, to the stage's end."""
+"""Trials of a stage: Tune keeps some 20 KB for each of them until the stage ends."""
 
 FIRST_GUESS = 4
-"""Tabular cells of one trial as long as none of their kind has been timed."""
+"""Tabular cells of one trial before any of their kind has been timed."""
 
 MAX_WORKER_LOSSES = 3
 """Worker losses without progress after which a cell fails."""
@@ -45,7 +45,7 @@ class Pack:
 
     cells: tuple[Cell, ...]
     together: bool = False
-    """Side by side under a scheduler."""
+    """Whether they are trained side by side under a scheduler."""
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Running:
     pid: int | None = None
     node: str | None = None
     since: float | None = None
-    """When its present cell began, by the driver's clock; None: its worker is starting."""
+    """When its current cell began, by the driver's clock; None: its worker is starting."""
     killed: bool = False
 
 
@@ -70,7 +70,7 @@ class CellStatus:
 
 @dataclass(frozen=True)
 class LostOutcome:
-    """A cell that must fail: its worker is gone for good, and cannot report it."""
+    """A cell that must fail, since its worker is gone and cannot report it."""
 
     cell: Cell
     error: str
@@ -79,13 +79,13 @@ class LostOutcome:
 
 @dataclass
 class WorkQueue:
-    """What is left of a stage. One worker has one pack at a time."""
+    """The remaining work of a stage. A worker has one pack at a time."""
 
     status: CellStatus
     at_once: int | None
-    """Most packs at a time; None: as many as the cluster takes."""
+    """Packs at a time; None: as many as the cluster takes."""
     cells: list[Cell] = field(default_factory=list)
-    """Small and long ones that run by themselves, the next one last."""
+    """Cells without a scheduler, the next one last."""
     packs: list[Pack] = field(default_factory=list)
     tuned: Sequence[Tuned] = ()
     together: bool = False
@@ -94,7 +94,7 @@ class WorkQueue:
     """Seconds that a cell may take."""
     running: dict[str, Running] = field(default_factory=dict)
     stopping: bool = False
-    """Nothing new is handed out any more."""
+    """Whether to hand out nothing more."""
     _unsettled: dict[tuple[int, str], tuple[Tuned, str]] = field(default_factory=dict)
     """Suggestions whose cells were on a worker, until all of them have ended."""
     _furthest: dict[str, float] = field(default_factory=dict)
@@ -105,7 +105,7 @@ class WorkQueue:
         self._total = len(self.cells)
 
     def next(self, trial: str) -> Pack | None:
-        """The pack of a new trial; None where there is none at the moment (see `over`)."""
+        """Return the pack of a new trial, or None if there is none at the moment (see `over`)."""
         if self.stopping or (self.at_once is not None and len(self.running) >= self.at_once):
             return None
         pack = self._next()
@@ -114,18 +114,18 @@ class WorkQueue:
         return pack
 
     def over(self) -> bool:
-        """Whether no more packs will come."""
+        """Return whether no more packs will come."""
         nothing = not self.cells and not self.packs and not any(tuned.left for tuned in self.tuned)
         return not self.running and (self.stopping or nothing)
 
     def on_started(self, trial: str, pid: int, node: str) -> None:
-        """A pack's worker has started with its first cell; nothing where it was given up before that was told."""
+        """Note that a pack's worker has begun its first cell; ignored if the pack was given up before the report."""
         if (running := self.running.get(trial)) is None:
             return
         running.pid, running.node, running.since = pid, node, clock.monotonic()
 
     def on_outcomes(self, trial: str, outcomes: Iterable[Outcome]) -> None:
-        """Some cells of a pack have ended, and the next one begins."""
+        """Note that cells of a pack have ended, and the next one begins."""
         if trial in self.running:
             self.running[trial].since = clock.monotonic()
         for outcome in outcomes:
@@ -134,13 +134,13 @@ class WorkQueue:
             self._seconds[kind] = count + 1, total + outcome.seconds
 
     def on_progress(self, cell: str, share: float) -> None:
-        """A long cell is further than ever: the losses that it has had before were not its fault."""
+        """Note the progress of a long cell; if it is farther than ever, its earlier losses count no more."""
         if share > self._furthest.get(cell, 0.0) + MIN_PROGRESS:
             self._furthest[cell] = share
             self._losses.pop(cell, None)
 
     def overdue(self) -> list[Running]:
-        """The packs whose present cell has taken too long, each once."""
+        """Return the packs whose current cell is over its time limit, each once."""
         if self.time_limit is None:
             return []
         now = clock.monotonic()
@@ -151,14 +151,14 @@ class WorkQueue:
         return late
 
     def limit(self, pack: Pack) -> float:
-        """Seconds that a pack's present cell may take: those of a scheduler's configuration share the worker."""
+        """Return the time limit of a pack's current cell; cells that share a worker under a scheduler add theirs up."""
         assert self.time_limit is not None
         return self.time_limit * (len(pack.cells) if pack.together else 1) + 1.0
 
     def on_lost(self, trial: str, why: str) -> list[LostOutcome]:
-        """A worker is gone; return the cells that must fail, which the caller persists.
+        """Return the cells that must fail after the loss of a worker, for the caller to persist.
 
-        Of several cells that are left each goes on alone, which shows whose fault it is.
+        If several cells are left, each then runs alone, which isolates the one at fault.
         """
         running = self.running.pop(trial, None)
         if running is None or self.stopping:
@@ -173,7 +173,7 @@ class WorkQueue:
         return failures
 
     def _lost(self, cell: Cell, running: Running, why: str) -> LostOutcome | None:
-        """Count a loss of the cell's worker; its failure, or None where it may be tried again."""
+        """Count a loss of the cell's worker; return its failure, or None where it may be tried again."""
         seconds = clock.monotonic() - (running.since or clock.monotonic())
         self._losses[cell.id] += 1
         if running.killed:
@@ -183,11 +183,11 @@ class WorkQueue:
         return None
 
     def on_completed(self, trial: str) -> None:
-        """A trial has ended. Nothing where `on_lost` has seen to it already."""
+        """Note that a trial has ended, unless `on_lost` has handled it already."""
         self.running.pop(trial, None)
 
     def _settle(self) -> None:
-        """Tell searches what became of the suggestions whose cells have all ended."""
+        """Report to the searches the suggestions whose cells have all ended."""
         for key, (tuned, token) in list(self._unsettled.items()):
             cells = tuned.cells(token)
             if all(self.status.ended(cell) for cell in cells):
@@ -211,7 +211,7 @@ class WorkQueue:
         return None
 
     def _size(self) -> int:
-        """Cells of the next pack: as many of the next one's kind as fill TARGET_SECONDS, but some for every worker."""
+        """Return the size of the next pack: it should fill TARGET_SECONDS, but leave cells for every worker."""
         cell = self.cells[-1]
         count, total = self._seconds[cell.agent, cell.task]
         size = FIRST_GUESS if agent_named(cell.agent).kind == "tabular" else 1

@@ -147,7 +147,7 @@ def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
         _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert "error: the head of the Ray cluster at " in err
-    assert f":{cluster.port} is gone; ended cells are kept, the same command goes on" in err
+    assert f":{cluster.port} is gone; finished cells are kept, the same command continues" in err
     there = len(Results.open(gone, "small").heads())
     _, tally = sweep(gone, **LONGER)
     assert tally.reused == there >= 3

@@ -1,1 +1,1 @@
-"""Executors: a stage's cells by Ray Tune, in this process, or in processes beside it."""
+"""Executors: they run a stage's cells with Ray Tune, in this process, or in a pool of processes."""

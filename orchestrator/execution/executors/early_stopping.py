@@ -13,7 +13,7 @@ from search_spaces.search_space import Scheduler
 from trainables.cell import Cell
 
 MIN_RIVALS = 3
-"""Configurations that the median rule needs at least to compare with."""
+"""Configurations that the median rule needs for a comparison."""
 
 Scores = Sequence[float]
 """The scores of a configuration by evaluation, from the first on."""
@@ -23,13 +23,13 @@ class Rule(Protocol):
     """Judges the configurations of one arm."""
 
     def stops(self, trial: str, evaluation: int, score: float) -> bool:
-        """Take in a score (the higher the better), and return whether the trial is to be stopped."""
+        """Record a score (higher is better), and return whether to stop the trial."""
 
 
 class SuccessiveHalving:
-    """ASHA (Li et al. 2020), stopping variant: at each rung only the best 1/`factor` of those seen so far go on.
+    """ASHA (Li et al. 2020), stopping variant: at each rung only the best 1/`factor` of those seen so far continue.
 
-    As Ray Tune's AsyncHyperBandScheduler with one bracket and `stop_last_trials=False` decides; a test compares.
+    Its decisions equal those of Ray Tune's AsyncHyperBandScheduler with one bracket and `stop_last_trials=False`.
     """
 
     def __init__(self, grace: int, evaluations: int, factor: float) -> None:
@@ -39,7 +39,7 @@ class SuccessiveHalving:
         self._rungs: list[tuple[float, dict[str, float]]] = [(grace * factor**k, {}) for k in reversed(range(rungs))]
 
     def stops(self, trial: str, evaluation: int, score: float) -> bool:
-        """Judge at the highest rung that the trial has reached, once."""
+        """Decide once at each rung, the highest that the trial has reached."""
         for milestone, scores in self._rungs:
             if evaluation < milestone:
                 continue
@@ -59,7 +59,7 @@ class MedianStopping:
         self._scores: dict[str, dict[int, float]] = {}
 
     def stops(self, trial: str, evaluation: int, score: float) -> bool:
-        """Compare with the trials that have got as far."""
+        """Compare with the trials that have reached the same evaluation."""
         own = self._scores.setdefault(trial, {})
         own[evaluation] = score
         if evaluation < self._grace:
@@ -75,7 +75,7 @@ class MedianStopping:
 
 
 def rule(settings: Scheduler, cell: Cell) -> Rule:
-    """Return a new rule for the arm that `cell` is of."""
+    """Return a new rule for the arm of `cell`."""
     if settings.method == "asha":
         evaluations = 1 + math.ceil(cell.settings.episodes / cell.settings.evaluate_every)
         return SuccessiveHalving(settings.grace, evaluations, settings.reduction_factor)
@@ -83,9 +83,9 @@ def rule(settings: Scheduler, cell: Cell) -> Rule:
 
 
 class EarlyStopping:
-    """Hands each score to its arm's rule, which first sees what earlier runs of the sweep had of the arm.
+    """Passes each score to its arm's rule, which first gets the arm's scores in earlier runs of the sweep.
 
-    arms: those of the stage. history: the scores of an arm's configurations in earlier runs.
+    arms: those of the stage. history: returns the scores of an arm's configurations in earlier runs.
     """
 
     def __init__(self, settings: Scheduler, arms: Sequence[Arm], history: Callable[[Arm], Iterable[Scores]]) -> None:
@@ -96,7 +96,7 @@ class EarlyStopping:
         """Trial to the reason."""
 
     def stops(self, trial: str, cells: Sequence[Cell], evaluations: int, score: float) -> bool:
-        """Return whether the trial of `cells` is to be stopped now."""
+        """Return whether to stop the trial of `cells` now."""
         if trial not in self._trials:
             self._trials[trial] = self._rule(cells)
         if not self._trials[trial].stops(trial, evaluations, score):
@@ -105,7 +105,7 @@ class EarlyStopping:
         return True
 
     def _rule(self, cells: Sequence[Cell]) -> Rule:
-        """The rule of the arm that the cells are of."""
+        """Return the rule of the cells' arm."""
         arm = next(arm for arm in self._arms if all(arm.owns(cell) for cell in cells))
         if arm.content not in self._rules:
             self._rules[arm.content] = new = rule(self._settings, cells[0])

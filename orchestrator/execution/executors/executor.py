@@ -1,4 +1,4 @@
-"""Who runs the cells of a stage: Ray Tune, this process, or processes beside it. All give the same bits and files."""
+"""The interface of executors, which run the cells of a stage. All of them give the same bits and files."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from trainables.training.worker import WorkerPayload
 
 @dataclass(frozen=True)
 class Workplace:
-    """What an executor has to offer once it is open."""
+    """The capacity of an open executor."""
 
     workers: int
     """Cells that run at a time."""
     at_once: int | None
-    """Packs handed out at a time; None: as many as a cluster that grows takes."""
+    """Packs handed out at a time; None: as many as an autoscaling cluster takes."""
     checkpoints: Path | None
-    """The folder for checkpoints, which all workers see; None: there can be none."""
+    """The folder for checkpoints, which all workers can read; None: no checkpoints."""
 
 
 class Executor(Protocol):
-    """Runs stages, one after the other."""
+    """Runs stages one after the other."""
 
     def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
-        """Get ready before the first stage; `stack` closes at the sweep's end. Raises InputError where it cannot."""
+        """Prepare before the first stage; `stack` closes at the sweep's end. Raises InputError where that fails."""
 
     def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
-        """Run what the monitor's queue hands out, telling the monitor all. What an interrupt leaves is in the queue."""
+        """Run the packs of the monitor's queue and report to the monitor. An interrupt leaves the rest in the queue."""
 
 
 def executor(settings: Settings) -> Executor:
-    """Return the executor that the settings ask for. Ray is imported only where it is the one."""
+    """Return the executor that the settings ask for. Ray is imported only for its own executor."""
     if not settings.local:
         module, name = "orchestrator.execution.executors.ray_executor", "RayExecutor"
     elif settings.workers == 1 and settings.time_limit is None:

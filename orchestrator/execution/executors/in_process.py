@@ -1,4 +1,4 @@
-"""Running cells in this process, one after the other: no Ray, no other process."""
+"""The executor that runs cells in this process, one after the other."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from trainables.training.worker import Reached, Report, Started, WorkerPayload, 
 
 
 class InProcessExecutor:
-    """Runs one pack at a time, here: a cell over its time limit ends at its next evaluation."""
+    """Runs one pack at a time. A cell over its time limit ends at its next evaluation."""
 
     def __init__(self, settings: Settings) -> None:
         pass
 
     def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
-        """One worker: this process, with one thread as any worker."""
+        """Return a workplace of one worker: this process, limited to one thread like every worker."""
         one_thread()
         return Workplace(workers=1, at_once=1, checkpoints=make_folder(checkpoints))
 
     def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
-        """Run what the queue hands out."""
+        """Run the packs of the queue."""
         _Stage(monitor, payload).run()
 
 
@@ -41,7 +41,7 @@ class _Unwound(Exception):  # noqa: N818
 
 
 class _EndedNow(BaseException):
-    """Ends the stage at once, wherever its cell is: the second Ctrl-C."""
+    """Ends the stage at once, in the middle of a cell: the second Ctrl-C."""
 
 
 class _Stage:
@@ -73,7 +73,7 @@ class _Stage:
         self._monitor.on_completed(self._trial)
 
     def _tell(self, report: Report) -> None:
-        """Hand a report over; an interrupt waits until what it brings is on disk."""
+        """Pass on a report; an interrupt waits until its outcomes are on disk."""
         self._telling = True
         try:
             self._monitor.on_report(self._trial, report)

@@ -1,4 +1,4 @@
-"""Following the trials of a stage, whoever runs them: from their reports to the queue, the records and the display."""
+"""The monitor of a stage: passes the reports of its trials to the queue, the records and the display."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class OutcomeSink:
     """Why a record could not be written."""
 
     def take(self, outcomes: list[Outcome]) -> None:
-        """Persist outcomes. An OSError ends the sweep: a result that cannot be kept is none."""
+        """Persist outcomes. An OSError ends the sweep, since results could no longer be kept."""
         try:
             records = self.ledger.take(self.stage, outcomes)
         except OSError as error:
@@ -45,7 +45,7 @@ class OutcomeSink:
 
 
 class StageMonitor:
-    """Takes in what becomes of trials, on behalf of an executor."""
+    """Receives the events of trials from an executor."""
 
     def __init__(self, queue: WorkQueue, sink: OutcomeSink, display: Display, stopping: EarlyStopping | None) -> None:
         self.queue = queue
@@ -55,20 +55,20 @@ class StageMonitor:
         self._workers: set[tuple[int, str]] = set()
 
     def next(self, trial: str) -> Pack | None:
-        """Return the pack of a new trial; None where there is none now, or no more (see `WorkQueue.over`)."""
+        """Return the pack of a new trial, or None: none now, or no more (see `WorkQueue.over`)."""
         pack = self.queue.next(trial)
         self.display.running(len(self.queue.running))
         return pack
 
     def stops(self, trial: str, evaluations: int, score: float) -> bool:
-        """Return whether early stopping ends a trial whose cells have reached an evaluation together."""
+        """Return whether early stopping ends a trial whose cells have all reached an evaluation."""
         running = self.queue.running.get(trial)
         if self._stopping is None or running is None or not running.pack.together:
             return False
         return self._stopping.stops(trial, running.pack.cells, evaluations, score)
 
     def on_report(self, trial: str, report: Report) -> None:
-        """Take in a report."""
+        """Process a report."""
         match report:
             case Started():
                 if (report.pid, report.node) not in self._workers:
@@ -89,7 +89,7 @@ class StageMonitor:
                 self._sink.take(list(report.outcomes))
 
     def on_completed(self, trial: str) -> None:
-        """A trial has ended by itself, or early stopping has ended it."""
+        """Note that a trial has ended by itself, or by early stopping."""
         reason = self._stopping.stopped.get(trial) if self._stopping else None
         cells = running.pack.cells if (running := self.queue.running.get(trial)) else ()
         curves = {cell.id: dict(self._points.pop(cell.id)) for cell in cells if cell.id in self._points}
@@ -99,7 +99,7 @@ class StageMonitor:
         self.display.running(len(self.queue.running))
 
     def on_lost(self, trial: str, why: str) -> None:
-        """A trial's worker is gone."""
+        """Note that a trial's worker is gone."""
         running = self.queue.running.get(trial)
         if running is None:
             return
@@ -113,5 +113,5 @@ class StageMonitor:
         self.display.running(len(self.queue.running))
 
     def overdue(self) -> list[Running]:
-        """Return what has taken too long, each once: its worker is to be ended."""
+        """Return the packs over their time limit, each once; the executor must end their workers."""
         return self.queue.overdue()

@@ -1,4 +1,4 @@
-"""Running cells in processes beside this one: no Ray. A process that is lost costs its cell a new try."""
+"""The executor that runs cells in worker processes, without Ray. The cell of a lost process is tried again."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from trainables.training.worker_process import Completed, Crashed, Task
 _MAIN = "from trainables.training.worker_process import main; main()"
 
 TICK_SECONDS = 0.2
-"""How often time limits and interrupts are looked at."""
+"""Seconds between two checks of time limits and interrupts."""
 
 
 class ProcessPoolExecutor:
-    """Runs as many packs at a time as there are workers, each in a process of its own."""
+    """Runs as many packs at a time as there are workers, each in a separate process."""
 
     def __init__(self, settings: Settings) -> None:
         self._processes: list[_Process] = []
@@ -41,13 +41,13 @@ class ProcessPoolExecutor:
         self._checkpoints: Path | None = None
 
     def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
-        """Nothing to connect to: the processes start when there is a pack for them, and stay until the end."""
+        """Return the workplace. Processes start when there is a pack for them, and stay until the sweep ends."""
         stack.callback(self._close)
         self._checkpoints = make_folder(checkpoints)
         return Workplace(self._workers, self._workers, self._checkpoints)
 
     def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
-        """Run what the queue hands out."""
+        """Run the packs of the queue."""
         stage = _Stage(monitor, payload, self._processes, self._workers)
         try:
             with Interrupt(stage.end_now, self._checkpoints) as interrupt:
@@ -57,25 +57,25 @@ class ProcessPoolExecutor:
             raise
 
     def _close(self) -> None:
-        """End all processes, whatever they are at."""
+        """End all processes at once."""
         while self._processes:
             self._processes.pop().end()
 
 
 @dataclass
 class _Process:
-    """A worker process and what it is at."""
+    """A worker process and its present work."""
 
     process: subprocess.Popen[bytes]
     connection: Connection
     trial: str | None = None
     """None: it is idle."""
     payload: WorkerPayload | None = None
-    """That of the stage that it was at last."""
+    """The payload of its last stage."""
     sent: set[str] = field(default_factory=set)
-    """The sources of that stage that it has."""
+    """The keys of the sources of that stage that it has."""
     last_words: str = ""
-    """Why it ends, where it has said so."""
+    """Why it ends, if it has said so."""
 
     def end(self) -> None:
         self.connection.close()
@@ -91,7 +91,7 @@ class _Stage:
         self._ended_now = False
 
     def run(self, interrupt: Interrupt) -> None:
-        """Hand out packs and take in reports until nothing is left, or an interrupt ends it."""
+        """Hand out packs and process reports until nothing is left or an interrupt ends the stage."""
         while not self._ended_now:
             self._monitor.queue.stopping |= interrupt.asked
             while self._hand_out():
@@ -106,11 +106,11 @@ class _Stage:
             self._end_overdue()
 
     def end_now(self) -> None:
-        """End the stage at the next look, whatever runs."""
+        """End the stage at the next check, whatever runs."""
         self._ended_now = True
 
     def _hand_out(self) -> bool:
-        """Give an idle worker, or a new one, its next pack; False where there is none of either."""
+        """Give an idle or a new worker its next pack; return False where there is no worker or no pack."""
         idle = next((process for process in self._processes if process.trial is None), None)
         if idle is None and len(self._processes) >= self._workers:
             return False
@@ -151,10 +151,10 @@ class _Stage:
         try:
             process.connection.send(message)
         except OSError:
-            return  # it is gone, as reading from it will say
+            return  # the process is gone; reading from it will report that
 
     def _take_in(self, process: _Process) -> None:
-        """Take in one message of a busy process, or its end."""
+        """Process one message of a busy process, or its end."""
         assert process.trial is not None
         try:
             message = process.connection.recv()
@@ -190,7 +190,7 @@ class _Stage:
 
 
 def _cause(code: int | None) -> str:
-    """Why a process has ended, in words."""
+    """Return why a process has ended, as text."""
     if code is None:
         return "its process no longer answers"
     if code >= 0:

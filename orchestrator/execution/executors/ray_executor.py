@@ -1,4 +1,4 @@
-"""The executor that runs cells on Ray, this machine's own or a cluster's."""
+"""The executor that runs cells on Ray, on this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from trainables.storage.folders import make_folder
 from trainables.training.worker import WorkerPayload
 
 RUNNER = "orchestrator.execution.executors.tune_runner"
-"""Imports Ray Tune, which takes about as long as Ray takes to start: both are done at a time."""
+"""Imports Ray Tune, which takes about as long as starting Ray; both happen at the same time."""
 
 
 class RayExecutor:
-    """Runs packs as Tune's trials, over one connection to Ray."""
+    """Runs packs as trials of Ray Tune, over one connection to Ray."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._checkpoints: Path | None = None
 
     def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
-        """Connect to Ray, and see how many cells it takes at a time, and where checkpoints can be."""
+        """Connect to Ray, and return its capacity and the folder for checkpoints."""
         settings, resources = self._settings, self._settings.resources
         threading.Thread(target=import_module, args=(RUNNER,), daemon=True).start()
         with console.status("starting Ray"):
@@ -36,7 +36,7 @@ class RayExecutor:
             fits = nodes.capacity(resources, nodes.NODE_PATIENCE if settings.address else 0.0)
             workers = min(settings.workers or fits, fits)
             self._checkpoints = make_folder(checkpoints)
-            if blind := nodes.blind_nodes(checkpoints):
+            if blind := nodes.nodes_without_storage(checkpoints):
                 self._checkpoints = None
                 console.print(f"no checkpoints: {', '.join(blind)} cannot see {checkpoints}", style="yellow")
         return Workplace(workers, settings.workers or (None if settings.address else workers), self._checkpoints)

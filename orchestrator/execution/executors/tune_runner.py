@@ -1,4 +1,4 @@
-"""Running a stage's cells through one `tune.Tuner`, on this machine's Ray or on a cluster."""
+"""Runs a stage's cells with one `tune.Tuner`, on Ray on this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from trainables.training.worker import WorkerPayload
 
 
 def run_stage(monitor: StageMonitor, payload: WorkerPayload, resources: Resources, checkpoints: Path | None) -> None:
-    """Run the queue as the trials of one `tune.Tuner`. checkpoints: the folder where workers look for STOP, or None."""
+    """Run the queue as trials of one `tune.Tuner`. checkpoints: the folder in which workers look for STOP, or None."""
     folder = tempfile.mkdtemp(prefix="deltatune-")
     trainable = tune.with_parameters(run_cells, payload=payload)
     with connection.watched_head(monitor.display.abandon), Interrupt(_end_tune, checkpoints) as interrupt:
@@ -47,14 +47,14 @@ def run_stage(monitor: StageMonitor, payload: WorkerPayload, resources: Resource
 
 
 class _Unsaved:
-    """Has no state for Tune to save: a sweep resumes from its records."""
+    """Has no state that Tune could save, since a sweep resumes from its records."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {}
 
 
 class QueueSearcher(_Unsaved, Searcher):
-    """The queue as a Tune search algorithm: its packs become trials as workers get free."""
+    """The queue as a search algorithm of Tune: its packs become trials as workers become free."""
 
     def __init__(self, monitor: StageMonitor) -> None:
         super().__init__(metric="auc", mode="max")
@@ -68,7 +68,7 @@ class QueueSearcher(_Unsaved, Searcher):
         return Searcher.FINISHED if self._monitor.queue.over() else None
 
     def on_trial_complete(self, trial_id: str, result: Mapping[str, Any] | None = None, error: bool = False) -> None:
-        """Do nothing: SweepCallback tells the queue, which needs the error too."""
+        """Do nothing: SweepCallback informs the queue, which also needs the error."""
 
     def save(self, checkpoint_path: str) -> None:
         """Do nothing: see _Unsaved."""
@@ -78,14 +78,14 @@ class QueueSearcher(_Unsaved, Searcher):
 
 
 class EarlyStoppingScheduler(_Unsaved, FIFOScheduler):
-    """Our early stopping as a Tune scheduler."""
+    """Early stopping within arms as a scheduler of Tune."""
 
     def __init__(self, monitor: StageMonitor) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
         self._monitor = monitor
 
     def on_trial_result(self, tune_controller: Any, trial: Any, result: dict[str, Any]) -> str:
-        """Return whether a trial goes on."""
+        """Return whether a trial continues."""
         if METRIC in result and self._monitor.stops(trial.trial_id, result[TIME], result[METRIC]):
             return str(TrialScheduler.STOP)
         return str(TrialScheduler.CONTINUE)
@@ -100,21 +100,21 @@ class SweepCallback(_Unsaved, tune.Callback):
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
     ) -> None:
-        """Take over what a report brings, and free Tune of its weight."""
+        """Pass on a report, and remove its data from Tune's result."""
         result["seen"] = True  # Tune prints a line for every trial whose last result has nothing to print
         if report := result.pop("report", None):
             self._monitor.on_report(trial.trial_id, report)
 
     def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """A trial has ended by itself, or a scheduler has ended it."""
+        """Note that a trial has ended by itself, or by the scheduler."""
         self._monitor.on_completed(trial.trial_id)
 
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """A trial's worker or node was lost."""
+        """Note that a trial's worker or node was lost."""
         self._monitor.on_lost(trial.trial_id, _cause(trial.error_file))
 
     def on_step_end(self, iteration: int, trials: list[Any], **info: Any) -> None:
-        """End what takes too long, and see to a wish to stop."""
+        """End overdue workers, and act on a request to stop."""
         for running in self._monitor.overdue():
             assert running.node is not None
             assert running.pid is not None
@@ -127,13 +127,13 @@ class SweepCallback(_Unsaved, tune.Callback):
 
 
 def _end_tune() -> None:
-    """Make Tune end the stage without waiting any longer; it listens to SIGUSR1 while a stage runs."""
+    """Make Tune end the stage at once, by SIGUSR1, for which it listens while a stage runs."""
     if signal.getsignal(signal.SIGUSR1) not in (signal.SIG_DFL, signal.SIG_IGN):
         os.kill(os.getpid(), signal.SIGUSR1)
 
 
 def _cause(error_file: str | None) -> str:
-    """Why a worker was lost, in a sentence, from what Tune has noted of it."""
+    """Return why a worker was lost, in a sentence, from Tune's error file."""
     try:
         text = Path(error_file or "").read_text(encoding="utf-8")
     except OSError:
@@ -144,4 +144,4 @@ def _cause(error_file: str | None) -> str:
     for line in told:
         if line.startswith("ray.exceptions.") or "Error: " in line:
             return line.removeprefix("ray.exceptions.")[:500]
-    return told[-1][:500] if told else "nothing is known of the cause"
+    return told[-1][:500] if told else "the cause is unknown"

@@ -117,7 +117,7 @@ def test_whatever_ends_a_session_mlflow_is_told_and_the_lock_is_free(
     assert (
         said.getvalue()
         .splitlines()[-1]
-        .endswith(f"cells have ended and are kept in {done / 'small'}; the same command goes on from there")
+        .endswith(f"finished cells are kept in {done / 'small'}; the same command continues from there")
     )
     assert driver(done / "small") is None
 
