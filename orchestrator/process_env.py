@@ -1,4 +1,4 @@
-"""Settings of Ray and MLflow that must be in place before either is imported. The user's own settings win."""
+"""Environment variables that Ray and MLflow read when they are imported. Those that the user has set stay."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SETTINGS = {
     "MLFLOW_HTTP_REQUEST_BACKOFF_FACTOR": "1",
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "1",
-    # One thread per worker process: cells run side by side, and a product's bits must not depend on their number.
+    # One thread per worker process: cells run side by side, and the bits of a product must not depend on their number.
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
@@ -30,10 +30,10 @@ SETTINGS = {
 
 
 def prepare(joins_cluster: bool = False) -> None:
-    """Put the settings into the environment, where the workers will inherit them.
+    """Set the environment variables, which the workers inherit.
 
-    joins_cluster: Ray is to be joined, not started. A cluster whose head found this user's token asks for the
-    token, and Ray's client offers it in this mode alone.
+    joins_cluster: whether to join Ray instead of starting it. A head that has this user's token asks for it, and Ray's
+    client presents the token only in this mode.
     """
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)

@@ -1,1 +1,1 @@
-"""Results of sweeps as a dataset that others can read with any Parquet reader, and replay row by row."""
+"""Published datasets: results of sweeps that any Parquet reader opens, and that can be replayed row by row."""

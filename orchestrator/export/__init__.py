@@ -1,1 +1,1 @@
-"""Results in other programs' formats."""
+"""Exports of results in the formats of other programs."""

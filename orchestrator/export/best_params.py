@@ -1,4 +1,4 @@
-"""The best hyperparameters as YAML that a later sweep accepts, and the reading of such a file."""
+"""Writes the best hyperparameters as YAML that a later sweep accepts, and reads such a file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def best(findings: Findings) -> dict[str, Any]:
 
 
 def write_best(findings: Findings, path: Path) -> dict[str, Any]:
-    """Write `best` as YAML to `path`; InputError where that cannot be written, or nothing is complete yet."""
+    """Write `best` as YAML to `path`. Raises InputError where it cannot be written, or nothing is complete yet."""
     data = best(findings)
     if not data["best"]:
         name = findings.results.name
@@ -53,7 +53,7 @@ def write_best(findings: Findings, path: Path) -> dict[str, Any]:
 
 
 def read_params(path: Path) -> Params:
-    """Return the hyperparameters in a file that `write_best` wrote, by arm; InputError if it is not one."""
+    """Return the hyperparameters in a file that `write_best` wrote, by arm. Raises InputError for another file."""
     data = read_yaml(path)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not isinstance(data.get("best"), list):
         raise InputError(f"{path}: not a file of best hyperparameters (schema {SCHEMA}, written by 'deltatune export')")
@@ -78,7 +78,7 @@ def _key(task: str, agent: str, kind: str, source_task: str, pick: str) -> Key:
 
 
 def _incomplete(key: Key) -> list[str]:
-    """Return what an arm without a complete configuration is called: task, agent, kind of source, source task, pick."""
+    """Return the entry of an arm without a complete configuration: task, agent, kind of source, source task, pick."""
     return [key.task, key.agent, key.kind, key.source_task, key.pick]
 
 

@@ -1,4 +1,4 @@
-"""The formats of `deltatune export`, as data. Light to import: the command line is made from it."""
+"""The formats of `deltatune export`, as data. Light to import, since the command line is built from it."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class Written:
     what: str
     files: tuple[Path, ...]
     data: dict[str, Any]
-    """The same for a program; of tables, the names of the files."""
+    """The same data for `--json`; for tables, the names of the files."""
 
 
 class Writer(Protocol):
     """Writes findings to a file, or to a folder."""
 
     def __call__(self, findings: Findings, path: Path) -> Written:
-        """Write; InputError where the place cannot be written to, or the sweep has nothing of the kind."""
+        """Write to `path`. Raises InputError where that fails, or the sweep has no such data."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class Format:
     """One format."""
 
     what: str
-    """What is in it, for the command's help."""
+    """Its content, for the command's help."""
     file: str
-    """Where it is written by default, in the working folder; empty: a folder named after the sweep."""
+    """The default file in the working folder; empty: a folder named after the sweep."""
     writer: str
     """'module:function' of its Writer."""
 
@@ -60,9 +60,9 @@ FORMATS: dict[str, Format] = {
 
 
 def write(findings: Findings, form: str, output: Path | None = None) -> Written:
-    """Write `findings` as `form`, one of FORMATS, to `output`, or to the format's own place in the working folder.
+    """Write `findings` as `form`, one of FORMATS, to `output`, or to the format's default file.
 
-    Raises InputError where the form is unknown, the place cannot be written to, or the sweep has nothing of the kind.
+    Raises InputError where the format is unknown, the file cannot be written, or the sweep has no such data.
     """
     if form not in FORMATS:
         raise unknown("format", form, FORMATS)

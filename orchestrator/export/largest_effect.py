@@ -1,4 +1,4 @@
-"""The headline of a file of best hyperparameters. Light to import."""
+"""The largest effect of transfer in a file of best hyperparameters. Light to import."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from trainables.errors import InputError
 
 
 def largest_effect(path: Path) -> dict[str, Any] | None:
-    """Return the surest gain by transfer in a file that `write_best` wrote, else the surest loss; None for neither.
+    """Return the clearest gain by transfer in a file that `write_best` wrote, else the clearest loss, else None.
 
-    The surest is the one whose interval of the transfer ratio stays farthest from 0.
+    The clearest is the one whose interval of the transfer ratio is farthest from 0.
     """
     try:
         entries = read_yaml(path)["best"]

@@ -1,4 +1,4 @@
-"""Table 1 as LaTeX, with the rules of the package booktabs."""
+"""Table 1 as LaTeX with the package booktabs."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ SPECIAL = {
     ">": r"\textgreater{}",
     **{character: f"\\{character}" for character in "&%$#_{}"},
 }
-"""Characters that mean something to LaTeX, and how they are written."""
+"""LaTeX's special characters and how they are escaped."""
 
 
 def escape(text: str) -> str:
-    """Text that LaTeX prints as it is; line ends become spaces."""
+    """Return `text` escaped for LaTeX; line ends become spaces."""
     flat = " ".join(text.split())
     return re.sub("[" + re.escape("".join(SPECIAL)) + "]", lambda match: SPECIAL[match[0]], flat)
 
 
 def table_1(findings: Findings) -> str:
-    """The best configuration of each agent on each task; the paper's own numbers in a last column where it has any."""
+    """Return the best configuration of each agent on each task, with the paper's numbers in a last column if any."""
     best = findings.best
     paper = any(same_row(group) for group in best)
     titles = [metric.latex or escape(metric.label[:1].upper() + metric.label[1:]) for metric in shown("report")]
@@ -47,11 +47,11 @@ def table_1(findings: Findings) -> str:
 
 
 def _row(group: Group, paper: bool) -> list[str]:
-    own = settings_text(varied(group.agent, group.task, group.hyperparameters))
+    settings = settings_text(varied(group.agent, group.task, group.hyperparameters))
     name = (
         group.agent
         + ("" if group.source_label == "none" else f", {group.source_label}")
-        + ("" if own == "-" else f" ({own})")
+        + ("" if settings == "-" else f" ({settings})")
     )
     cells = [r"\quad " + escape(name), str(len(group.seeds))]
     cells += [metric.write(group.estimates.get(metric.key), _number, missing="--") for metric in shown("report")]
@@ -60,5 +60,5 @@ def _row(group: Group, paper: bool) -> list[str]:
 
 
 def _number(value: float, digits: int) -> str:
-    """Return a number with LaTeX's minus, and no plus, rounded as in the other tables."""
+    """Return a number with LaTeX's minus and no plus, rounded as in the other tables."""
     return f"${signed(value, digits).removeprefix('+')}$"

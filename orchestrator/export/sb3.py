@@ -1,4 +1,4 @@
-"""The best hyperparameters as keyword arguments of stable-baselines3's DQN, and what that does not have."""
+"""The best hyperparameters as keyword arguments of stable-baselines3's DQN, with notes on what differs there."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ SAME = {
     "max_gradient_norm": "max_grad_norm",
     "device": "device",
 }
-"""Our name to theirs, where both mean the same."""
+"""The name of a hyperparameter here to that of the equivalent argument of DQN."""
 
 ELSEWHERE = {
     "initialisation": "Xavier here; stable-baselines3 keeps PyTorch's own",
-    "epsilon_decay": "exponential here; exploration_fraction is the linear fall of the same mean, or else the slowest",
+    "epsilon_decay": "exponential here; exploration_fraction is the linear decay of the same mean, or else the slowest",
     "evaluate_every": "give it to an EvalCallback",
     "evaluation_episodes": "give it to an EvalCallback",
     "episodes": "give total_timesteps, the mean over seeds of the steps taken here, to learn()",
 }
-"""What every deep agent has and DQN's arguments do not, and where it goes."""
+"""Hyperparameters of every deep agent that are no arguments of DQN, and what replaces them."""
 
 ADVICE = "stable-baselines3 has no transfer: without it this is plain DQN"
 
 
 def dqn_arguments(findings: Findings) -> dict[str, Any]:
-    """The best configuration of each deep agent, task and source as `DQN("MlpPolicy", env, **entry["kwargs"])`."""
+    """Return the best configuration of each deep agent, task and source for `DQN("MlpPolicy", env, **kwargs)`."""
     steps = {}
     if "steps" in findings.cells:
         done = findings.cells[findings.cells["status"] == "done"]
@@ -52,7 +52,7 @@ def dqn_arguments(findings: Findings) -> dict[str, Any]:
 
 
 def _is_dqn(group: Group) -> bool:
-    """Whether a group's agent is deep and has all of DQN's hyperparameters, as a custom one may not."""
+    """Return whether a group's agent is deep and has all hyperparameters of DQN; a custom one may lack some."""
     return agent_named(group.agent).kind == "deep" and DQN.model_fields.keys() <= group.hyperparameters.keys()
 
 
@@ -79,7 +79,7 @@ def _arguments(values: Mapping[str, Any], steps: float | None) -> dict[str, Any]
 
 
 def _exploration_fraction(values: Mapping[str, Any], steps: float | None) -> float:
-    """Share of training for a linear epsilon with the mean of exp(-n / epsilon_decay); 1 where there is none."""
+    """Return the share of training in which a linear epsilon has the mean of exp(-n / epsilon_decay); at most 1."""
     length = values["episodes"] if values["epsilon_unit"] == "episodes" else steps
     if not length:
         return 1.0
@@ -88,7 +88,7 @@ def _exploration_fraction(values: Mapping[str, Any], steps: float | None) -> flo
 
 
 def _lost(values: Mapping[str, Any]) -> dict[str, str]:
-    """Each of our settings that DQN's arguments cannot say, with what happens instead."""
+    """Return each hyperparameter that DQN's arguments cannot express, with what happens instead."""
     lost = dict(ELSEWHERE)
     if values["loss"] == "squared":
         lost["loss"] = "squared here; stable-baselines3 always has the Huber loss"

@@ -1,1 +1,1 @@
-"""Sources as registered models, and back."""
+"""Source models: trained sources in MLflow's Model Registry, and registered ones as pretrained sources."""

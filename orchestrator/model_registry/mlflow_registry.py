@@ -1,8 +1,8 @@
 """Source knowledge in MLflow's Model Registry: a registered model per source task, a version per source model.
 
-A version holds the source's .npz and `registered_policy.py`; its tags say what it is (`SourceModel.tags`). The alias
-`best` is on the best version by `source_models.standing`. A version is found again by its cell and digest, so
-registering twice changes nothing.
+A version holds the source's .npz and `pyfunc_policy.py`; its tags describe it (`SourceModel.tags`). The alias `best`
+points to the best version by `source_models.standing`. A version is identified by its cell and digest, so registering
+twice changes nothing.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ from trainables.tasks.registry import parse_task
 
 ALIAS = "best"
 KNOWLEDGE = "source.npz"
-"""The artifact that a version's knowledge is kept in."""
+"""The artifact with a version's knowledge."""
 
 REQUIREMENTS = ["mlflow>=3.13", "numpy>=1.26"]
-"""What loading a version needs."""
+"""The packages that loading a version needs."""
 
 _CODE = Path(__file__).with_name("pyfunc_policy.py")
 
 
 @dataclass(frozen=True)
 class Fetched:
-    """A version that was looked up."""
+    """A version that was downloaded."""
 
     uri: str
     """models:/NAME/VERSION."""
@@ -60,11 +60,10 @@ class Fetched:
 
 
 def register(results: Results, uri: str, parent: str) -> list[str]:
-    """Register the source models of a sweep; the best version of each source task gets the alias: models:/NAME@best.
+    """Register the source models of a sweep, and set the alias models:/NAME@best of each source task.
 
-    Returns these names, with a remark where even the best version learned nothing.
-
-    parent: the sweep's run, below which the source models' runs are. Raises MlflowException and OSError.
+    Return these names, with a remark where even the best version learned nothing. parent: the sweep's run, the parent
+    of the source models' runs. Raises MlflowException and OSError.
     """
     found = source_models(results)
     if not found:
@@ -74,9 +73,9 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
     names = list(dict.fromkeys(model_name(model.cell.task) for model in found))
     remarks = {}
     for name in names:
-        own = [model for model in found if model_name(model.cell.task) == name]
-        known = _model(client, name, own[0].cell.task)
-        for model in own:
+        models = [model for model in found if model_name(model.cell.task) == name]
+        known = _model(client, name, models[0].cell.task)
+        for model in models:
             key = model.cell.id, model.knowledge.digest
             version = known.get(key)
             if version is None:
@@ -89,7 +88,7 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
 
 
 def register_now(results: Results, uri: str, parent: str) -> list[str]:
-    """`register` for a person who waits for it; SweepError where the store does not answer."""
+    """Do the same as `register`, but raise SweepError where the store does not answer."""
     try:
         return register(results, uri, parent)
     except (MlflowException, OSError) as error:
@@ -97,9 +96,9 @@ def register_now(results: Results, uri: str, parent: str) -> list[str]:
 
 
 def fetch(text: str, uri: str) -> Fetched:
-    """The version that models:/NAME@ALIAS or models:/NAME/VERSION names. Nothing in it is run.
+    """Return the version that models:/NAME@ALIAS or models:/NAME/VERSION names. No code in it is run.
 
-    Raises InputError where there is none, it is not one of ours, or MLflow does not answer.
+    Raises InputError where there is none, deltatune did not write it, or MLflow does not answer.
     """
     name, at, alias = text.removeprefix("models:/").partition("@")
     name, _, number = (name, "", "") if at else name.partition("/")
@@ -117,7 +116,7 @@ def fetch(text: str, uri: str) -> Fetched:
 
 
 def _model(client: MlflowClient, name: str, task: str) -> dict[tuple[str, str], ModelVersion]:
-    """The versions of a registered model by cell and digest; makes the model where it is missing."""
+    """Return the versions of a registered model by cell and digest; create the model where it is missing."""
     there = client.search_model_versions(f"name = '{name}'")
     versions = {(v.tags["cell_id"], v.tags["digest"]): v for v in there if {"cell_id", "digest"} <= set(v.tags)}
     if not versions:
@@ -130,7 +129,7 @@ def _model(client: MlflowClient, name: str, task: str) -> dict[tuple[str, str], 
 
 
 def _write(client: MlflowClient, name: str, model: SourceModel, parent: Run) -> ModelVersion:
-    """A new version, and the logged model behind it, both linked to the run of the model's cell."""
+    """Create a version and its logged model, both linked to the run of the model's cell."""
     tags, experiment = model.tags(parent.data.tags["sweep"]), str(parent.info.experiment_id)
     condition = f"tags.cell_id = '{model.cell.id}' and tags.sweep_id = '{parent.data.tags['sweep_id']}'"
     runs = client.search_runs([experiment], condition, max_results=1)
@@ -146,7 +145,7 @@ def _write(client: MlflowClient, name: str, model: SourceModel, parent: Run) -> 
 
 
 def _save(folder: Path, model: SourceModel, model_id: str, run: str) -> Path:
-    """The model's files in a folder below `folder`."""
+    """Write the model's files to a folder below `folder`, and return it."""
     from mlflow import pyfunc
     from mlflow.models import Model, ModelSignature
     from mlflow.types import ColSpec, Schema, TensorSpec
@@ -173,7 +172,7 @@ def _save(folder: Path, model: SourceModel, model_id: str, run: str) -> Path:
 
 
 def _add_steps(client: MlflowClient, version: ModelVersion, model: SourceModel) -> None:
-    """The steps of seeds that the sweep has got since."""
+    """Add the steps of seeds that the sweep has finished since."""
     before = version.tags.get("steps", "{}")
     after = steps_text({**read_steps(before), **model.steps})
     if after != before:
@@ -181,7 +180,7 @@ def _add_steps(client: MlflowClient, version: ModelVersion, model: SourceModel) 
 
 
 def _point(client: MlflowClient, name: str, versions: Sequence[ModelVersion]) -> ModelVersion:
-    """Put the alias on the best version, and return it; of equal ones, the oldest."""
+    """Set the alias on the best version, the oldest of equal ones, and return it."""
     oldest_first = sorted(versions, key=lambda version: int(version.version))
     best = max(oldest_first, key=lambda version: standing(version.tags))
     if client.get_registered_model(name).aliases.get(ALIAS) != str(best.version):
@@ -190,7 +189,7 @@ def _point(client: MlflowClient, name: str, versions: Sequence[ModelVersion]) ->
 
 
 def _model_text(name: str, task: str) -> str:
-    """The description of a registered model."""
+    """Return the description of a registered model."""
     takes = "states (B,), int64" if parse_task(task).tabular else "observations (B, obs_dim), an array or a DataFrame"
     return f"""Source knowledge of the task `{task}`. The alias `{ALIAS}` is on the version with the best
 {"AUC" if parse_task(task).tabular else "greedy evaluation, and of equals the best AUC"}.
@@ -206,7 +205,7 @@ As the source of a sweep, in place of its first stage: `deltatune sweep SPACE --
 
 
 def _version_text(name: str, model: SourceModel) -> str:
-    """The description of a version."""
+    """Return the description of a version."""
     cell, returns = model.cell, model.record.returns
     nothing = learned_nothing(returns)
     return (f"It {nothing}. " if nothing else "") + (

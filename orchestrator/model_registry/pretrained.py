@@ -1,4 +1,4 @@
-"""Pretrained sources passed with `--source`: versions of MLflow's registry, and files of a source library."""
+"""Pretrained sources passed with `--source`: versions in MLflow's registry, or files of a source library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from trainables.tasks.spec.family import Task
 
 @dataclass(frozen=True)
 class Pretrained:
-    """A checked source."""
+    """A pretrained source that was checked."""
 
     name: str
     """models:/NAME/VERSION, or the file."""
@@ -36,21 +36,21 @@ class Pretrained:
     knowledge: Knowledge
     best_return: float
     auc: float
-    """-inf where it is not known."""
+    """-inf where it is unknown."""
     steps: Mapping[int, int]
-    """Seed to T, the training steps of that seed's source run; its own for a seed that is not there."""
+    """Seed to T, the training steps of that seed's source run; other seeds get the T of this source."""
 
     def run(self, seed: int) -> SourceRun:
-        """Return the source run that a target cell of this seed sees."""
-        own = int(self.knowledge.arrays.get("steps", 0))
-        return SourceRun(self.cell, self.best_return, self.auc, self.steps.get(seed, own))
+        """Return the source run for a target cell of this seed."""
+        default = int(self.knowledge.arrays.get("steps", 0))
+        return SourceRun(self.cell, self.best_return, self.auc, self.steps.get(seed, default))
 
 
 def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Pretrained]:
     """Return the sources called `names`: models:/NAME@ALIAS, models:/NAME/VERSION, or a file of a source library.
 
-    uri: the MLflow store that the first two are in. Raises InputError for one that is not there, is damaged, does not
-    fit its task, or is of no scenario of the space; and for two of one task that do not go together.
+    uri: the MLflow store of the first two. Raises InputError for a source that is missing or damaged, does not fit its
+    task, or belongs to no scenario of the space; and for two sources of one task that cannot be combined.
     """
     found = [read_one(name, uri) for name in names]
     learned = [scenario.source for scenario in space.scenarios if "learned" in scenario.source.kinds]
@@ -68,14 +68,14 @@ def read(names: Sequence[str], space: SearchSpace, uri: str) -> list[Pretrained]
 
 
 def read_one(name: str, uri: str) -> Pretrained:
-    """Return the source called `name`, fit or not; InputError for one that is not there, or is damaged."""
+    """Return the source called `name`, without a check of its shapes. Raises InputError if it is missing or damaged."""
     return _model(name, uri) if name.startswith("models:") else _file(Path(name))
 
 
 def keep(found: Sequence[Pretrained], results: Results) -> None:
-    """Put the sources into the library of a sweep, and write down their names.
+    """Add the sources to the library of a sweep, and record their names.
 
-    Raises InputError where the library holds other knowledge of the same cell.
+    Raises InputError where the library has different knowledge of the same cell.
     """
     library = SourceLibrary(results.storage)
     for source in found:
@@ -83,13 +83,13 @@ def keep(found: Sequence[Pretrained], results: Results) -> None:
             library.save(source.cell, source.knowledge)
         elif library.load(source.cell.id).digest != source.knowledge.digest:
             raise InputError(
-                f"{library.path(source.cell.id)} holds other knowledge of the same cell than {source.name}"
+                f"{library.path(source.cell.id)} has different knowledge of the same cell than {source.name}"
             )
     pretrained_names.write(results.folder, [source.name for source in found])
 
 
 def runs(found: Sequence[Pretrained], seeds: Sequence[int]) -> Runs:
-    """Return whose knowledge each seed gets: one source of a task serves every seed, several serve their own."""
+    """Return the source run of each seed: a single source of a task serves every seed, several serve their seeds."""
     by_task: dict[str, dict[int, SourceRun]] = {}
     for source in found:
         alone = sum(other.cell.task == source.cell.task for other in found) == 1
@@ -135,7 +135,7 @@ def _read(name: str, data: bytes) -> Pretrained:
 
 
 def _check_shape(name: str, knowledge: Knowledge, task: Task) -> None:
-    """Raise InputError for arrays that are no finite table or network of the task's shape."""
+    """Raise InputError unless the arrays are a finite table or network of the task's shape."""
     try:
         if task.tabular:
             dynamics = task.dynamics()

@@ -1,6 +1,6 @@
-"""The greedy policy of a registered source: the file that MLflow keeps beside the arrays and runs when it loads them.
+"""The greedy policy of a registered source. MLflow stores this file with the arrays and runs it to load the model.
 
-It stands alone: whoever loads the model needs numpy and MLflow, not this package, and nothing is unpickled.
+It is self-contained: loading the model needs numpy and MLflow but not deltatune, and unpickles nothing.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ class GreedyPolicy(PythonModel):
     """argmax_a Q(s, a), the lowest action on ties; actions are numbered from 0."""
 
     def load_context(self, context: Any) -> None:
-        """Read the arrays of the source."""
+        """Load the arrays of the source."""
         with np.load(context.artifacts["knowledge"], allow_pickle=False) as file:
             self._arrays = {name: file[name] for name in file.files if name != "meta"}
 
     def predict(self, context: Any, model_input: np.ndarray, params: Any = None) -> Array:
-        """Actions (B,) int64, for observations (B, obs_dim) of a deep source, or states (B,) of a tabular one.
+        """Return actions (B,) int64 for observations (B, obs_dim) of a deep source, or states (B,) of a tabular one.
 
         Raises ValueError for a state that the table does not have, and for observations of another length.
         """
@@ -38,7 +38,7 @@ class GreedyPolicy(PythonModel):
 
 
 def _rows(q: Array, states: Array) -> Array:
-    """Q(s, .) (B, A) of the states (B,)."""
+    """Return Q(s, .) (B, A) for states (B,)."""
     if len(states) and not 0 <= states.min() <= states.max() < len(q):
         raise ValueError(f"a state must be 0 to {len(q) - 1} (got {states.min()} to {states.max()})")
     rows: Array = q[states]
@@ -46,11 +46,11 @@ def _rows(q: Array, states: Array) -> Array:
 
 
 def q_values(sizes: list[int], parameters: Array, observations: Array) -> Array:
-    """Q(s, .) (B, actions) float32 of a ReLU perceptron, at observations (B, inputs) float32.
+    """Return Q(s, .) (B, actions) float32 of a ReLU perceptron, for observations (B, inputs) float32.
 
-    parameters: flat float32, weights (n_out, n_in) and biases of each layer in turn. Every product is summed in the
-    order of its inputs and rounded to 32 bits after each of them, which is the fused multiply-add that the agent was
-    trained with; a BLAS library sums in an order of its own, and would now and then take another action.
+    parameters: flat float32, weights (n_out, n_in) and biases of each layer in turn. Products are summed in the order
+    of the inputs and rounded to 32 bits after each, as by the fused multiply-add with which the agent was trained; a
+    BLAS library sums in another order, and would occasionally choose another action.
     """
     if observations.ndim != 2 or observations.shape[1] != sizes[0]:
         raise ValueError(f"observations must be (B, {sizes[0]}) (got {observations.shape})")

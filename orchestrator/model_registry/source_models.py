@@ -15,22 +15,22 @@ from trainables.curve import auc
 from trainables.knowledge import Knowledge
 from trainables.tasks.registry import parse_task
 
-LONGEST = 200
-"""Characters of a registered model's name at the most."""
+MAX_CHARACTERS = 200
+"""Of a registered model's name."""
 
 
 @dataclass(frozen=True)
 class SourceModel:
-    """A trained source that a sweep has used."""
+    """A trained source that a sweep's transfers have used."""
 
     cell: Cell
     knowledge: Knowledge
     record: Record
     steps: Mapping[int, int]
-    """Seed to T, the training steps of that seed's own source run at these hyperparameters (eq. 6)."""
+    """Seed to T, the training steps of that seed's source run with these hyperparameters (eq. 6)."""
 
     def tags(self, sweep: str) -> dict[str, str]:
-        """Return what the version's tags say; `steps` and `hyperparameters` are JSON."""
+        """Return the tags of the model's version; `steps` and `hyperparameters` are JSON."""
         from orchestrator.analysis.learning import learned_nothing  # imports pandas and scipy
 
         nothing = learned_nothing(self.record.returns)
@@ -51,12 +51,12 @@ class SourceModel:
 
 
 def steps_text(steps: Mapping[int, int]) -> str:
-    """Return seed to steps as JSON, in the order of the seeds."""
+    """Return steps by seed as JSON, sorted by seed."""
     return json.dumps({str(seed): steps[seed] for seed in sorted(steps)})
 
 
 def read_steps(text: str) -> dict[int, int]:
-    """Return what `steps_text` wrote; ValueError for anything else."""
+    """Return the steps that `steps_text` wrote. Raises ValueError for other text."""
     data = json.loads(text)
     if not isinstance(data, dict):
         raise ValueError(f"steps must be an object (got {text})")
@@ -66,8 +66,7 @@ def read_steps(text: str) -> dict[int, int]:
 def source_models(results: Results) -> list[SourceModel]:
     """Return the source models of a sweep, in the order of its plan.
 
-    Left out are sources that this sweep has not trained itself, and custom modules, which only their
-    factory can build.
+    Pretrained sources are left out, and so are custom modules, which only their factory can build.
     """
     plan, library = results.plan(), SourceLibrary(results.storage)
     used = {source.cell_id for cell in plan.get("transfer", ()) for source in cell.sources}
@@ -87,22 +86,22 @@ def source_models(results: Results) -> list[SourceModel]:
 def model_name(task: str) -> str:
     """Return the name of the registered model of a source task, in letters, digits, dots, dashes and underscores.
 
-    deltatune-cartpole, deltatune-windy_gridworld-wind-reversed; a name that this would not tell from another's, or
-    that is too long, ends in a hash of the task's.
+    Examples: deltatune-cartpole, deltatune-windy_gridworld-wind-reversed. An ambiguous or too long name ends in a hash
+    of the task's name.
     """
     text = re.sub(r"[:=,]", "-", task)
-    if re.fullmatch(r"[A-Za-z0-9_.-]+", text) and "-" not in task and len(text) <= LONGEST:
+    if re.fullmatch(r"[A-Za-z0-9_.-]+", text) and "-" not in task and len(text) <= MAX_CHARACTERS:
         return f"deltatune-{text}"
-    text = re.sub(r"[^A-Za-z0-9_.]+", "-", text)[: LONGEST - 9].strip("-")
+    text = re.sub(r"[^A-Za-z0-9_.]+", "-", text)[: MAX_CHARACTERS - 9].strip("-")
     return f"deltatune-{text}-{content_id(task)[:8]}"
 
 
 def logged_name(name: str) -> str:
-    """Return the name of the logged model behind a registered one: MLflow refuses a dot in it, and finds it by id."""
+    """Return the name of a registered model's logged model, in which MLflow allows no dot."""
     return name.replace(".", "-")
 
 
 def standing(tags: Mapping[str, str]) -> tuple[float, ...]:
-    """Return what the best version of a task has most of: tabular, AUC; deep, the best greedy evaluation, then AUC."""
+    """Return the key by which the best version of a task is chosen: AUC; for deep tasks first the best evaluation."""
     score = float(tags["auc"])
     return (score,) if parse_task(tags["task"]).tabular else (float(tags["best_return"]), score)

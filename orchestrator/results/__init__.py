@@ -1,1 +1,1 @@
-"""Records, tables, lock: the truth on disk."""
+"""The results of sweeps on disk: records, tables, lock and log."""

@@ -1,4 +1,4 @@
-"""Renaming and removing sweeps, never under a driver."""
+"""Renames and removes sweeps that no driver runs."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from trainables.storage.paths import is_local
 
 
 def remove(results: Results) -> None:
-    """Delete a sweep's folder; InputError where a driver is at it."""
+    """Delete a sweep's folder. Raises InputError where a driver runs the sweep."""
     with locked(results.folder):
-        (results.folder / SWEEP).unlink()  # first: what is left of a removal that was cut off is no sweep
+        (results.folder / SWEEP).unlink()  # first: what an interrupted removal leaves is no sweep
     if is_local(results.folder):
         shutil.rmtree(results.folder)
         return
@@ -25,7 +25,7 @@ def remove(results: Results) -> None:
 
 
 def rename(results: Results, name: str) -> Results:
-    """Give a sweep another name; InputError for a bad or taken one, a running sweep, and on an object store."""
+    """Rename a sweep. Raises InputError for a bad or taken name, a running sweep, and on an object store."""
     folder: Path = results.storage / check_name(name)
     if folder.exists():
         raise InputError(f"there is a sweep or a folder '{name}' in {results.storage} already")

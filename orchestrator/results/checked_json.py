@@ -1,4 +1,4 @@
-"""Checksums of the files of a sweep's folder: what a disk has spoilt is never taken for what was written."""
+"""JSON files with a checksum, so that a damaged file is never read as valid."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ CHECKSUM = "checksum"
 
 
 class DamagedError(InputError):
-    """A file of a sweep that is not what was written."""
+    """A file of a sweep whose content is not what was written."""
 
     why = ""
     """What is wrong with it."""
 
 
 def write(path: Path, data: dict[str, Any], indent: int | None = None) -> None:
-    """Write `data` with its checksum, whole or not at all."""
+    """Write `data` with its checksum, atomically."""
     separators = None if indent else (",", ":")
     text = json.dumps(data | {CHECKSUM: content_id(data)}, indent=indent, separators=separators, allow_nan=False)
     write_atomic(path, text.encode())
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Return what `write` wrote, without the checksum; a file of an older version has none, and is taken as it is.
+    """Return the data that `write` wrote; a file of an older version has no checksum, and is read without.
 
-    Raises DamagedError, which says how the file is mended; InputError where it is missing or cannot be read.
+    Raises DamagedError, which says how to repair the file; InputError where it is missing or cannot be read.
     """
     try:
         data = json.loads(path.read_bytes())
@@ -50,10 +50,10 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def damaged(path: Path, why: str) -> DamagedError:
-    """Return the error that says that a file is damaged, what that costs and what mends it."""
+    """Return the error for a damaged file, which says what that costs and how to repair it."""
     error = DamagedError(
         f"{path} is damaged ({why}): no record is lost by that, and the `deltatune sweep` command that made the sweep "
-        "writes it anew"
+        "writes it again"
     )
     error.why = why
     return error

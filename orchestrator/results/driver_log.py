@@ -1,4 +1,4 @@
-"""The log of a sweep's drivers, SWEEP/driver.log: what happened when, for people and for `deltatune logs`."""
+"""The driver log of a sweep, SWEEP/driver.log, which `deltatune logs` prints."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from trainables.storage.paths import is_local
 FILE = "driver.log"
 
 KEPT_LINES = 5000
-"""Lines that are kept where a log cannot be appended to."""
+"""Lines kept of a log on an object store, which cannot append."""
 
 PUT_EVERY = 10.0
-"""Seconds between two writings of a log that is written whole."""
+"""Seconds between two uploads of such a log."""
 
 
 LOGGER = "deltatune"
-"""The logger of the whole product; each package has one below it."""
+"""The parent of all of deltatune's loggers."""
 
 
 @contextmanager
 def logging_to(folder: Path) -> Iterator[None]:
-    """Write what deltatune's loggers say to the driver log of a sweep, while the block runs. Blocks may nest."""
+    """Write deltatune's log messages to the driver log of a sweep while the block runs. Blocks may nest."""
     logger = logging.getLogger(LOGGER)
     if any(isinstance(handler, _DriverLog) and handler.folder == folder for handler in logger.handlers):
         yield
@@ -42,7 +42,7 @@ def logging_to(folder: Path) -> Iterator[None]:
 
 
 def flush() -> None:
-    """Write out what the driver logs still hold back."""
+    """Write the buffered lines of the driver logs."""
     for handler in logging.getLogger(LOGGER).handlers:
         handler.flush()
 
@@ -64,7 +64,7 @@ class _DriverLog(logging.Handler):
 
 
 class Journal:
-    """Appends lines with their time. A log that cannot be written to stops no sweep."""
+    """Appends lines with their time. Errors in writing are ignored."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / FILE
@@ -72,7 +72,7 @@ class Journal:
         self._put = 0.0
 
     def write(self, text: str) -> None:
-        """Add a line."""
+        """Append a line."""
         line = f"{time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime())} {' '.join(text.split())}"
         if self._lines is not None:
             self._lines.append(line)
@@ -86,7 +86,7 @@ class Journal:
             return
 
     def close(self) -> None:
-        """See to it that all lines are there."""
+        """Write all buffered lines."""
         if self._lines is None:
             return
         self._put = time.monotonic()
@@ -97,7 +97,7 @@ class Journal:
 
 
 def read(folder: Path) -> str:
-    """The log of a sweep; empty where there is none."""
+    """Return the log of a sweep; empty where there is none."""
     try:
         return (folder / FILE).read_text(encoding="utf-8")
     except OSError:

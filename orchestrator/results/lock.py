@@ -1,6 +1,6 @@
-"""One driver at a sweep: a file lock on a disk, a lease that is kept alive where the storage is an object store.
+"""The lock of a sweep, which allows one driver: a file lock on a disk, a lease with heartbeat on an object store.
 
-Whoever only wants to know reads who the driver is and whether it lives; nobody takes the lock to look.
+Readers never take the lock: they read who the driver is and whether it is alive.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from trainables.storage.atomic import write_atomic
 from trainables.storage.paths import is_local
 
 LOCK, DRIVER = ".lock", ".driver.json"
-"""Files of a sweep's folder: the lock of the process that runs it, and who that is."""
+"""Files in a sweep's folder: the lock of the driver, and the driver's identity."""
 
 LEASE_SECONDS = 60.0
-"""After so long without a sign of life a holder on another machine is taken for dead."""
+"""A lease without a heartbeat for this long has expired."""
 
 SETTLE_SECONDS = 2.0
-"""How long to wait before looking whether another took the lease at the same moment."""
+"""Seconds to wait before checking whether another driver took the lease at the same moment."""
 
 Who = dict[str, Any]
 
@@ -44,7 +44,7 @@ class Hold:
     folder: Path
     who: Who
     token: str = ""
-    """What this holder's record segments bear in their names; empty on a disk, where the lock cannot be lost."""
+    """Part of the names of this holder's record segments; empty on a disk, where the lock cannot be lost."""
     lost: bool = False
     """Whether another holds the lease now."""
     _file: str = DRIVER
@@ -52,7 +52,7 @@ class Hold:
     """When the lease was last known to be this holder's."""
 
     def check(self) -> None:
-        """Raise LeaseLostError where the lease is another's now; look it up where that has not been done for long."""
+        """Raise LeaseLostError where another holds the lease now; verify that if the last check is too old."""
         if self.token and not self.lost and clock.monotonic() - self._seen > LEASE_SECONDS / 2:
             with suppress(LookupError):
                 self.verify()
@@ -63,12 +63,12 @@ class Hold:
             )
 
     def verify(self) -> None:
-        """Look up whose the lease is. Raises LookupError where the storage does not answer."""
+        """Look up who holds the lease. Raises LookupError where the storage does not answer."""
         try:
             there = json.loads((self.folder / self._file).read_text())
         except (FileNotFoundError, ValueError):
             there = self.who  # removed or damaged: nobody else's
-        except Exception as error:  # each kind of storage has errors of its own
+        except Exception as error:  # each kind of storage raises different errors
             raise LookupError(str(error)) from error
         if isinstance(there, dict) and there.get("token") != self.who["token"]:
             self.lost = True
@@ -77,9 +77,9 @@ class Hold:
 
 @contextmanager
 def locked(folder: Path, on_lost: Callable[[], None] = lambda: None) -> Iterator[Hold]:
-    """Hold the sweep in `folder`; InputError that names the driver that does already. A dead driver's lock is free.
+    """Hold the sweep's lock. Raises InputError, which names the driver that holds it. A dead driver's lock is free.
 
-    on_lost: called from another thread when the lease on an object store has become another's.
+    on_lost: called from another thread when another driver has taken the lease on an object store.
     """
     what = f"the sweep in {folder} is being run by "
     with _held(folder, LOCK, DRIVER, what, on_lost) as hold:
@@ -88,16 +88,16 @@ def locked(folder: Path, on_lost: Callable[[], None] = lambda: None) -> Iterator
 
 @contextmanager
 def writing_to(folder: Path, key: str, title: str) -> Iterator[None]:
-    """Be the one who writes the sweep in `folder` into a tracker: its driver, or `deltatune sync`.
+    """Hold the lock for writing the sweep in `folder` to a tracker, as its driver or `deltatune sync` does.
 
-    key: the tracker's, in the names of the lock's files. Raises InputError that names who does already.
+    key: the tracker's, part of the names of the lock's files. Raises InputError, which names the present holder.
     """
     with _held(folder, f".{key}.lock", f".{key}.json", f"the sweep in {folder} is being written into {title} by "):
         yield
 
 
 def driver(folder: Path) -> str | None:
-    """Return who runs the sweep now, None where nobody does. Takes no lock and changes nothing."""
+    """Return who runs the sweep now, or None. Takes no lock and changes nothing."""
     who = _read(folder, DRIVER)
     return _words(who) if who and _alive(who) else None
 
@@ -113,7 +113,7 @@ def _held(folder: Path, lock: str, file: str, what: str, on_lost: Callable[[], N
             gone.set()
             keeper.join()
             if not hold.lost:
-                with suppress(Exception):  # a storage that is away: the holder is dead in a minute
+                with suppress(Exception):  # an unreachable storage: the lease expires in a minute
                     disk.remove(folder / file)
 
 
@@ -146,7 +146,7 @@ def _lease(folder: Path, file: str, what: str) -> Iterator[Hold]:
 
 
 def _changes(folder: Path, file: str, before: Who) -> bool:
-    """Return whether a holder whose sign of life looks old gives another: two machines' clocks need not agree."""
+    """Return whether a holder with an old heartbeat sends another one: the clocks of two machines may differ."""
     if _here(before):
         return False
     until = clock.monotonic() + LEASE_SECONDS / 2
@@ -158,9 +158,9 @@ def _changes(folder: Path, file: str, before: Who) -> bool:
 
 
 def _keep(hold: Hold, gone: threading.Event, on_lost: Callable[[], None]) -> None:
-    """Give signs of life, as long as the lease is the holder's."""
+    """Send heartbeats as long as the holder has the lease."""
     while not clock.wait(gone, LEASE_SECONDS / 4):
-        with suppress(Exception):  # the storage is away for a moment
+        with suppress(Exception):  # the storage is unreachable for a moment
             if hold.token:
                 hold.verify()
             if hold.lost:
@@ -176,14 +176,14 @@ def _me() -> Who:
 
 
 def _alive(who: Who) -> bool:
-    """Return whether a holder lives: a process of this machine is looked up, another has given a sign of life."""
+    """Return whether a holder is alive: by its process if it is on this machine, else by its heartbeat."""
     if _here(who):
         return _runs(int(who.get("pid", 0)), who.get("started"))
     return abs(clock.time() - float(who.get("alive", 0))) < LEASE_SECONDS
 
 
 def _here(who: Who) -> bool:
-    """Return whether a holder's process, if it runs, is among those that this process can see."""
+    """Return whether a holder's process would be visible to this process."""
     if "machine" in who:
         return bool(who["machine"] == _machine())
     return who.get("host") == os.uname().nodename
@@ -191,7 +191,7 @@ def _here(who: Who) -> bool:
 
 @lru_cache(maxsize=1)
 def _machine() -> str:
-    """Return a name of this start of this machine, and of the container: a host's name is not always its own."""
+    """Return an identifier of this boot of the machine and of the container, since host names are not unique."""
     parts = [os.uname().nodename]
     with suppress(OSError):
         parts.append(Path("/proc/sys/kernel/random/boot_id").read_text().strip())
@@ -200,7 +200,7 @@ def _machine() -> str:
 
 
 def _started(pid: int) -> str | None:
-    """Return when a process began, in the system's own count; empty for a dead one, None where it does not say."""
+    """Return a process's start time in the system's units; empty for a dead process, None where it is unknown."""
     with suppress(OSError, IndexError):
         state, *fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
         return "" if state in "ZX" else fields[18]

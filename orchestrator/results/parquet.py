@@ -1,4 +1,4 @@
-"""The results tables as Parquet files, written piece by piece."""
+"""The results tables as Parquet files, written in chunks."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from orchestrator.results.records.record import Record
 from trainables.storage.paths import is_local
 
 ROWS = 200_000
-"""Rows that are held in memory while the points are written."""
+"""Rows held in memory while the points are written."""
 
 _INTEGERS = ("episode", "step")
 
 
 def write_table(path: Path, table: pd.DataFrame) -> None:
-    """Write a table whole."""
+    """Write a table."""
     arrow = pa.Table.from_pandas(table, preserve_index=False)
     with tempfile.TemporaryDirectory(dir=_near(path)) as folder:
         pq.write_table(arrow, Path(folder) / path.name)
@@ -30,9 +30,9 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
 
 
 def write_points(path: Path, records: Iterable[Record]) -> None:
-    """The curves of `records` one after the other: a row per cell and evaluation point, None where one lacks a column.
+    """Write the curves of `records`: a row per cell and evaluation point, null where a curve lacks a column.
 
-    The columns are those of any record, so that the pieces are joined at the end; memory stays bounded by ROWS.
+    The columns are those of all records together, so the chunks are joined at the end; ROWS bounds the memory.
     """
     with tempfile.TemporaryDirectory(dir=_near(path)) as folder:
         pieces = list(_pieces(records, Path(folder)))
@@ -46,12 +46,12 @@ def write_points(path: Path, records: Iterable[Record]) -> None:
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """A table that was written by the above."""
+    """Return a table that `write_table` or `write_points` wrote."""
     return pd.read_parquet(path if is_local(path) else io.BytesIO(path.read_bytes()))
 
 
 def _pieces(records: Iterable[Record], folder: Path) -> Iterable[Path]:
-    """The curves in files of about ROWS rows, each with the columns that it needs."""
+    """Yield files of about ROWS rows of the curves, each with the columns that it needs."""
     batch: list[Record] = []
     rows = 0
     for record in records:
@@ -94,7 +94,7 @@ def _type(name: str) -> pa.DataType:
 
 
 def _near(path: Path) -> Path | None:
-    """Where to make a file that will take the place of `path`: on the same disk."""
+    """Return the folder for a temporary file that will replace `path`, on the same disk; None: any folder."""
     return path.parent if is_local(path) else None
 
 

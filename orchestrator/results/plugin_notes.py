@@ -1,4 +1,4 @@
-"""A sweep's notes on the custom tasks and agents in it, so that its results can be read where their code is not."""
+"""A sweep's notes on its custom tasks and agents, with which its results can be read without their code."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def keep(folder: Path, space: SearchSpace) -> None:
 
 
 def recall(folder: Path) -> None:
-    """Take the notes of a sweep's folder into account from now on. They are data: nothing of them is run."""
+    """Load the notes of a sweep's folder. They are data: nothing in them is run."""
     remember({name: note for name, note in _read(folder).items() if names.is_custom(name) and isinstance(note, dict)})
 
 
@@ -51,7 +51,7 @@ def _read(folder: Path) -> dict[str, Any]:
 
 
 def note(thing: TaskFamily | Agent) -> dict[str, Any]:
-    """Return what has to be known of custom code to read its results without it, as plain data."""
+    """Return, as plain data, what reading the results of a custom task or agent needs of its code."""
     if isinstance(thing, TaskFamily):
         return {"tabular": thing.model is not None, "defaults": dict(thing.defaults)}
     fields = thing.hyperparameters.model_fields

@@ -1,4 +1,4 @@
-"""The pretrained sources that a sweep was given last, by name: SWEEP/given.json."""
+"""The names of a sweep's pretrained sources in its last run: SWEEP/given.json."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ FILE = "given.json"
 
 
 def write(folder: Path, names: Sequence[str]) -> None:
-    """Write down what the sweep in `folder` is given."""
+    """Record the names of the pretrained sources of the sweep in `folder`."""
     checked_json.write(folder / FILE, {"schema": 1, "sources": list(names)})
 
 
 def read(folder: Path) -> list[str]:
-    """Return the names that the sweep in `folder` was given; the file of an older version has no checksum."""
+    """Return the recorded names; the file of an older version has no checksum."""
     path = folder / FILE
     if not path.exists():
         return []
@@ -33,5 +33,5 @@ def read(folder: Path) -> list[str]:
 
 
 def options(folder: Path) -> str:
-    """Return the options that give a sweep the same sources again."""
+    """Return the command-line options with which a sweep gets the same sources again."""
     return "".join(f" --source {shlex.quote(name)}" for name in read(folder))

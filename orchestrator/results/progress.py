@@ -1,4 +1,4 @@
-"""How far a stage is: counted by its driver, written beside the records for those who watch from elsewhere."""
+"""The progress of a stage: counted by the driver, and written to a file for `deltatune watch` and `status`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FILE = ".progress.json"
 
 @dataclass(frozen=True)
 class Snapshot:
-    """One moment of a stage."""
+    """The progress of a stage at one moment."""
 
     stage: str
     total: int
@@ -26,31 +26,31 @@ class Snapshot:
     stopped: int = 0
     running: int = 0
     share: float = 0.0
-    """Of the stage's cells, the running ones' finished parts included: 0 to 1."""
+    """Finished share of the stage, with the finished parts of running cells: 0 to 1."""
     steps_per_second: float | None = None
     """Training steps of all workers together."""
     seconds_left: float | None = None
     best: str = ""
-    """The highest AUC so far on the task of the cell that ended last, and whose."""
+    """The highest AUC so far on the task of the cell that ended last, with its agent."""
     updated: float = 0.0
     """Seconds since 1970."""
 
     @property
     def ended(self) -> int:
-        """Cells that have ended, in whatever way."""
+        """Cells that have ended, with any status."""
         return self.done + self.failed + self.stopped
 
     def counts(self) -> str:
-        """'2 running, 0 failed', and what was stopped early, if any."""
+        """Return '2 running, 0 failed', with the number stopped early if any."""
         stopped = f", {self.stopped} stopped early" if self.stopped else ""
         return f"{self.running} running, {self.failed} failed{stopped}"
 
     def rate(self) -> str:
-        """'12,300 steps/s'."""
+        """Return '12,300 steps/s'."""
         return f"{self.steps_per_second:,.0f} steps/s" if self.steps_per_second else ""
 
     def left(self) -> str:
-        """'about 4 min left'."""
+        """Return 'about 4 min left'."""
         if self.seconds_left is None or self.ended >= self.total:
             return ""
         for size, name in ((3600, "h"), (60, "min")):
@@ -59,11 +59,11 @@ class Snapshot:
         return f"about {self.seconds_left:.0f} s left"
 
     def _percent(self) -> str:
-        """Return ' (12%)', the finished parts of running cells included, where that says more than the count."""
+        """Return ' (12%)', with the finished parts of running cells, where that adds to the count; else empty."""
         return f" ({self.share:.0%})" if self.ended / max(self.total, 1) < round(self.share, 2) < 1 else ""
 
     def line(self) -> str:
-        """The whole of it in one line."""
+        """Return everything in one line."""
         parts = [
             f"{self.stage}: {self.ended} of {self.total} cells{self._percent()}",
             self.counts(),
@@ -76,7 +76,7 @@ class Snapshot:
 
 @dataclass
 class Progress:
-    """Counts what happens in a stage."""
+    """Counts the events of a stage."""
 
     stage: str
     total: int
@@ -86,7 +86,7 @@ class Progress:
     _steps: int = 0
     _running: int = 0
     _best: dict[str, tuple[float, str]] = field(default_factory=dict)
-    """Task to the highest AUC on it, and whose; the task of the cell that ended last comes last."""
+    """Task to the highest AUC on it and its agent; the task of the cell that ended last comes last."""
     _first: float | None = None
 
     def ended(self, record: Record) -> None:
@@ -100,20 +100,20 @@ class Progress:
             self._best[record.cell.task] = max(self._best.pop(record.cell.task, score), score)
 
     def over(self, cell: str) -> None:
-        """A cell is no longer at work."""
+        """Forget a cell that no longer runs."""
         self._shares.pop(cell, None)
 
     def running(self, packs: int) -> None:
-        """Take in how many workers are at work."""
+        """Update the number of busy workers."""
         self._running = packs
 
     def share(self, cell: str, share: float, step: int) -> None:
-        """Take in how much of a long cell is done."""
+        """Update the finished share of a long cell."""
         self._first = self._first or time.monotonic()
         self._shares[cell] = share, step
 
     def snapshot(self) -> Snapshot:
-        """What there is to say now."""
+        """Return the present progress."""
         passed = sum(self._count.values()) + sum(share for share, _ in self._shares.values())
         seconds = time.monotonic() - self._first if self._first else 0.0
         steps = self._steps + sum(step for _, step in self._shares.values())
@@ -130,7 +130,7 @@ class Progress:
         )
 
     def _best_text(self) -> str:
-        """'best AUC on TASK: -12.3 (AGENT)', of the task of the cell that ended last: AUCs of two tasks say nothing."""
+        """Return 'best AUC on TASK: -12.3 (AGENT)' for the last task; AUCs of different tasks are not comparable."""
         if not self._best:
             return ""
         task, (score, agent) = next(reversed(self._best.items()))
@@ -138,7 +138,7 @@ class Progress:
 
 
 def write(folder: Path, snapshot: Snapshot) -> None:
-    """Put a snapshot beside the records; what cannot be written is left out, for it is no result."""
+    """Write a snapshot to the sweep's folder; errors are ignored, since it is no result."""
     try:
         write_atomic(folder / FILE, json.dumps(asdict(snapshot)).encode())
     except OSError:
@@ -146,7 +146,7 @@ def write(folder: Path, snapshot: Snapshot) -> None:
 
 
 def read(folder: Path) -> Snapshot | None:
-    """The last snapshot of a sweep, None where there is none."""
+    """Return the last snapshot of a sweep, or None."""
     try:
         return Snapshot(**json.loads((folder / FILE).read_text()))
     except (OSError, ValueError, TypeError):

@@ -1,4 +1,4 @@
-"""What a result was made with: versions, commit, machine."""
+"""The provenance of results: versions and commit."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import orchestrator
 PACKAGES = ("deltatune", "ray", "torch", "gymnasium", "numpy", "scipy", "numba", "mlflow")
 
 STAGED_FILE = "deltatune-provenance.json"
-"""Says beside a copy of the packages that went to a cluster what they are a copy of."""
+"""The file with version and commit beside a copy of the packages on a cluster."""
 
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the version of Python and of each package that a result may depend on; missing ones are left out."""
+    """Return the versions of Python and of the installed packages that a result may depend on."""
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -34,7 +34,7 @@ def versions() -> dict[str, str]:
 def commit() -> str:
     """Return the git commit of this code, with '+changes' where its checkout differs from it.
 
-    'unknown' outside a checkout of it: a repository in which this code is merely installed is another's.
+    'unknown' outside a checkout of deltatune, such as in another repository in which it is only installed.
     """
     if staged := _staged().get("commit"):
         return staged
@@ -48,18 +48,18 @@ def commit() -> str:
 
 
 def write_staged(folder: Path) -> None:
-    """Write commit and version beside a copy of the packages in `folder`, which has neither git nor metadata."""
+    """Write commit and version to `folder`, beside a copy of the packages without git and metadata."""
     data = {"commit": commit(), "version": versions().get("deltatune", "")}
     (folder / STAGED_FILE).write_text(json.dumps(data))
 
 
 def packages_folder() -> Path:
-    """Return the folder in which the packages of deltatune lie side by side."""
+    """Return the folder that contains the packages of deltatune."""
     return Path(str(orchestrator.__file__)).resolve().parent.parent
 
 
 def _staged() -> dict[str, str]:
-    """Return what `write_staged` has written beside this code; empty where it is no such copy."""
+    """Return what `write_staged` has written beside this code; empty outside such a copy."""
     try:
         data: dict[str, str] = json.loads((packages_folder() / STAGED_FILE).read_text())
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""How far the sweeps of a storage folder are, read from their records alone."""
+"""The status of the sweeps in a storage folder, from their records alone."""
 
 from __future__ import annotations
 
@@ -12,20 +12,18 @@ from orchestrator.results.sweep_folder import Results
 from trainables.errors import InputError
 
 KEYS = ("done", "failed", "stopped", "missing")
-"""What may have become of a cell."""
+"""The states of a cell."""
 
 
 def sweeps(storage: Path, name: str | None) -> list[Results]:
-    """The sweep called `name`, or all of a storage folder in order of their names."""
+    """Return the sweep called `name`, or all sweeps of a storage folder, sorted by name."""
     if name is not None:
         return [Results.open(storage, name)]
     return [Results(path.parent.resolve()) for path in sorted(storage.glob("*/sweep.json"))]
 
 
 def sweep_status(results: Results) -> dict[str, Any]:
-    """Return counts by stage, the failures with their causes, the driver that is at it (None: none is) and how far it
-    is, and what of the folder is damaged, in sentences.
-    """
+    """Return counts by stage, failures with their causes, the driver (or None) and its progress, and any damage."""
     who = driver(results.folder)
     damage = results.damage(running=who is not None)
     try:

@@ -1,4 +1,4 @@
-"""Sources of the library as one file: a zip of their .npz files and a manifest with a checksum of each."""
+"""Archives of sources: a zip of their .npz files and a manifest with the checksum of each."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ MAX_SOURCES = 10_000
 
 _NAME = re.compile(r"[0-9a-f]{16}\.npz")
 _DATE = (1980, 1, 1, 0, 0, 0)
-"""Of every member, so that equal sources make equal archives."""
+"""The date of every member, so that equal sources give equal archives."""
 
 
 def export_sources(library: SourceLibrary, entries: Iterable[Entry], path: Path) -> int:
-    """Write these sources to the file `path`; how many. InputError where it cannot be written."""
+    """Write sources to the file `path`, and return their number. Raises InputError where it cannot be written."""
     members: dict[str, bytes] = {}
     rows: list[dict[str, Any]] = []
     for entry in entries:
@@ -48,10 +48,10 @@ def export_sources(library: SourceLibrary, entries: Iterable[Entry], path: Path)
 
 
 def import_sources(library: SourceLibrary, path: Path, names: list[str]) -> list[Entry]:
-    """Take the sources of the archive `path` with these ids or tasks (none: all) into the library, all or nothing.
+    """Import the sources of the archive `path` with these ids or tasks (none: all) into the library, all or nothing.
 
-    Members are read by the manifest's names, which must be cell ids: nothing in the archive becomes a path.
-    Raises InputError for a damaged or foreign archive, one that is too large, and a name that is not in it.
+    Members are read by the manifest's names, which must be cell ids, so nothing in the archive becomes a path.
+    Raises InputError for another or a damaged archive, one that is too large, and a name that is not in it.
     """
     contents = _members(path)
     found = [read_entry(data, f"{path}: {name}") for name, data in contents.items()]
@@ -71,7 +71,7 @@ def _named(entry: Entry, name: str) -> bool:
 
 
 def _members(path: Path) -> dict[str, bytes]:
-    """The library files in an archive by name, each agreeing with its checksum."""
+    """Return the library files in an archive by name, their checksums verified."""
     try:
         with zipfile.ZipFile(io.BytesIO(read_file(path, MAX_BYTES))) as archive:
             infos = archive.infolist()
@@ -97,7 +97,7 @@ def _members(path: Path) -> dict[str, bytes]:
 
 
 def _read(archive: zipfile.ZipFile, name: str) -> bytes:
-    """A member's bytes, no more of them than its entry says."""
+    """Return a member's bytes, but no more than its entry declares."""
     if name != MANIFEST and not _NAME.fullmatch(name):
         raise InputError(f"a source's file is called by its cell id (got '{name}')")
     with archive.open(name) as file:

@@ -22,7 +22,7 @@ from trainables.tasks.registry import parse_task
 
 @dataclass(frozen=True)
 class Entry:
-    """One source of the library, checked to the last bit."""
+    """One source of the library, its checksum verified."""
 
     cell: Cell
     knowledge: Knowledge
@@ -48,9 +48,9 @@ class Entry:
 
 
 def read_entry(data: bytes, where: str) -> Entry:
-    """The source in a library file's bytes.
+    """Return the source in the bytes of a library file.
 
-    Raises InputError that starts with `where`: a bit has changed, it is no source, or does not fit its own task.
+    Raises InputError, which starts with `where`, for a damaged file, one that is no source, or does not fit its task.
     """
     try:
         return _entry(data)
@@ -75,16 +75,16 @@ def _entry(data: bytes) -> Entry:
 
 
 class SourceLibrary:
-    """A folder of .npz files without pickle; each is checked against its own checksum when it is read."""
+    """A folder of .npz files without pickle; each is verified against its checksum when it is read."""
 
     def __init__(self, storage: Path) -> None:
         self._folder = storage / "sources"
         self._made = False
         self._listed: set[str] | None = None
-        """The ids on an object store as last listed, with what was saved since: a request answers for all of them."""
+        """The ids on an object store, listed with one request, and those saved since."""
 
     def save(self, cell: Cell, knowledge: Knowledge, record: Record | None = None) -> None:
-        """Keep what `cell` has learned, with its record, by which a later sweep takes it over untrained."""
+        """Save the knowledge of `cell`, with its record, so that a later sweep can use it without training."""
         meta: dict[str, Any] = {"cell": cell.to_json()}
         if record is not None:
             meta["record"] = record.to_line().decode()
@@ -99,9 +99,9 @@ class SourceLibrary:
             self._listed.add(cell_id)
 
     def add(self, data: bytes, where: str) -> Entry:
-        """Take in the file `data`, which must be whole; an equal one that is there already stays.
+        """Add the file `data`; an equal one that exists stays.
 
-        Raises InputError that starts with `where` for a damaged file, and where another file of that cell is there.
+        Raises InputError, which starts with `where`, for a damaged file, and where a different file of the cell exists.
         """
         entry = read_entry(data, where)
         if self.has(entry.id):
@@ -112,23 +112,23 @@ class SourceLibrary:
         return entry
 
     def remove(self, cell_id: str) -> None:
-        """Delete a source; InputError where there is none."""
+        """Delete a source. Raises InputError where there is none."""
         if not self.has(cell_id):
             raise unknown("source", cell_id, self.ids())
         self.path(cell_id).unlink()
         self._listed = None
 
     def ids(self) -> list[str]:
-        """The ids of all sources, in order."""
+        """Return the ids of all sources, sorted."""
         return sorted(path.stem for path in self._folder.glob("*.npz") if re.fullmatch(r"[0-9a-f]{16}", path.stem))
 
     def entries(self) -> Iterator[Entry]:
-        """All sources; InputError at the first that is damaged."""
+        """Yield all sources. Raises InputError at the first that is damaged."""
         for cell_id in self.ids():
             yield self.entry(cell_id)
 
     def has(self, cell_id: str) -> bool:
-        """Return whether the cell's knowledge is there."""
+        """Return whether the library has the cell's knowledge."""
         path = self.path(cell_id)
         if is_local(path):
             return path.exists()
@@ -137,7 +137,7 @@ class SourceLibrary:
         return cell_id in self._listed
 
     def damage(self, cell_id: str) -> str:
-        """Return what is wrong with a source that is there; empty where nothing is. A store keeps its objects whole."""
+        """Return what is wrong with a source, or ''. Objects of an object store are taken as intact."""
         if not self.has(cell_id) or not is_local(self._folder):
             return ""
         try:
@@ -147,7 +147,7 @@ class SourceLibrary:
         return ""
 
     def entry(self, cell_id: str) -> Entry:
-        """The source of a cell; InputError where it is missing, damaged or another's."""
+        """Return the source of a cell. Raises InputError where it is missing, damaged or another cell's."""
         path = self.path(cell_id)
         try:
             entry = _entry(path.read_bytes())
@@ -162,15 +162,15 @@ class SourceLibrary:
         return entry
 
     def load(self, cell_id: str) -> Knowledge:
-        """The knowledge of a cell; InputError as `entry` has it."""
+        """Return the knowledge of a cell. Raises InputError as `entry` does."""
         return self.entry(cell_id).knowledge
 
     def record(self, cell_id: str) -> Record | None:
-        """The record of the cell that trained a source; None where the library lacks the one or the other."""
+        """Return the record of the cell that trained a source, or None."""
         return self.entry(cell_id).record if self.has(cell_id) else None
 
     def find(self, names: list[str]) -> list[Entry]:
-        """The sources with these ids, beginnings of ids, or tasks; all for no name. InputError where one names none."""
+        """Return the sources with these ids, prefixes of ids, or tasks (none: all). Raises InputError for no match."""
         entries = list(self.entries())
         if not names:
             return entries
@@ -183,14 +183,14 @@ class SourceLibrary:
         return list(chosen.values())
 
     def path(self, cell_id: str) -> Path:
-        """The file of a cell's knowledge."""
+        """Return the file of a cell's knowledge."""
         if not re.fullmatch(r"[0-9a-f]{16}", cell_id):
             raise InputError(f"a cell id is 16 hexadecimal digits (got '{cell_id}')")
         return self._folder / f"{cell_id}.npz"
 
 
 def _task(name: str) -> str | None:
-    """The canonical name of the task that `name` may be."""
+    """Return the canonical name if `name` is a task, else None."""
     try:
         return parse_task(name).name
     except InputError:
@@ -198,7 +198,7 @@ def _task(name: str) -> str | None:
 
 
 def row(entry: Entry) -> dict[str, Any]:
-    """A source as plain data, for a table."""
+    """Return a source as plain data, for a table."""
     record = entry.record
     return {
         "id": entry.id,

@@ -1,4 +1,4 @@
-"""Which sources of the library to follow on a target."""
+"""The ranking of library sources for a target."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Found:
 
     target: str
     entries: tuple[Entry, ...]
-    """Those that fit, in the order of `Ranked.source`."""
+    """The sources that fit the target, in the order of `Ranked.source`."""
     ranking: Ranking
     unfit: int
     """Sources of other observations or actions, left out."""
 
     def to_json(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the ranking as plain data."""
         best = self.ranking.recommended
         return {
             "target": self.target,
@@ -61,7 +61,7 @@ class Found:
 
 
 def rank_sources(target: str, entries: Sequence[Entry], episodes: int, seed: int) -> Found:
-    """Rank the sources that fit `target` by that many episodes of it.
+    """Rank the sources that fit `target` from so many episodes on it.
 
     Raises InputError where no source fits, or their discount factors differ.
     """

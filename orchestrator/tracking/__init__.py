@@ -1,1 +1,1 @@
-"""MLflow and other trackers."""
+"""Trackers: copies of a sweep's results in MLflow and elsewhere."""

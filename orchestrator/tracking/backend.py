@@ -1,4 +1,4 @@
-"""What a tracker is: the copy of one sweep in one place, written by one process at a time and rebuilt at any time."""
+"""The interface of trackers: one copy of a sweep, written by one process at a time, which can always be rebuilt."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ if TYPE_CHECKING:
 
 
 class TrackingBackend(Protocol):
-    """A sweep's copy. Whatever is written twice changes nothing: a resumed sweep and `deltatune sync` write all again.
+    """A sweep's copy. Writes are idempotent, since a resumed sweep and `deltatune sync` repeat them.
 
-    Any method may raise; the sweep goes on, and what is missing is written at its end or by `deltatune sync`.
+    Any method may raise; the sweep continues, and what is missing is written at its end or by `deltatune sync`.
     """
 
     errors: ClassVar[tuple[type[Exception], ...]]
-    """What is raised where the place cannot be written to."""
+    """Raised where the copy cannot be written."""
 
     parent: str
-    """The name of the copy: a run's id, a file."""
+    """The name of the copy: a run's id or a file."""
 
     def __init__(self, results: Results, uri: str) -> None:
-        """Open the copy of a sweep at `uri`, made where it is missing, to go on with it."""
+        """Open the copy of a sweep at `uri`, creating it where it is missing."""
 
     def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
-        """Write an ended cell, unless it is there already; `read` gets its record with the curve."""
+        """Write an ended cell, unless the copy has it; `read` returns its record with the curve."""
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
-        """Write what is known once all cells are written: configurations, files; drop what the sweep has no more."""
+        """Write configurations and files once all cells are written; remove what the sweep no longer has."""
 
     def end(self, status: str) -> None:
-        """Note that the sweep has stopped before its end: KILLED by a wish, FAILED by an error."""
+        """Note that the sweep stopped early: KILLED by request, FAILED by an error."""

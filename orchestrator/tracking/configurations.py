@@ -1,4 +1,4 @@
-"""Which configurations a cell is of, known before its sweep has ended."""
+"""The configurations of a cell, known before its sweep has ended."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from trainables.cell import Cell
 
 
 class Configurations:
-    """The configurations of a sweep's cells, by its plan; each stage's part of the plan is read once."""
+    """The configurations of a sweep's cells, from its plan; each stage of the plan is read once."""
 
     def __init__(self, results: Results) -> None:
         self._results = results
         self._labels: dict[str, Labels] = {}
 
     def of(self, stage: str, cell: Cell) -> list[str]:
-        """Return the ids of the configurations that a cell is of: one of each of its arms."""
+        """Return the ids of a cell's configurations, one for each of its arms."""
         if stage not in self._labels:
             self._labels = self._results.labels()
             self._labels.setdefault(stage, {})

@@ -1,8 +1,8 @@
-"""A sweep as lines of JSON, for jq, pandas, or whatever watches a file: jsonl:FOLDER.
+"""The tracker that writes JSON lines, for jq, pandas, or a program that watches a file: jsonl:FOLDER.
 
 FOLDER/SWEEP-ID.jsonl gets a line per cell as it ends, with its curve, and at the end one per configuration with its
-statistics and one of the sweep. A cell that is trained anew gets another line: the last of an id counts, and the end of
-the sweep leaves one of each, cells first.
+statistics and one for the sweep. A cell that is trained again gets another line: the last of an id counts, and at the
+end of the sweep one of each remains, cells first.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from orchestrator.analysis.findings import Findings
 
 HEAD = re.compile(rb'\{"kind": "(\w+)", "id": "(\w+)", "digest": "(\w+)"')
-"""What a line begins with: cell, configuration or sweep; its id; and what tells it from another line of that id."""
+"""The beginning of a line: cell, configuration or sweep; its id; a digest of its content."""
 
 
 def check(uri: str) -> None:
-    """Raise InputError for a URI that names no folder on a disk that can be written to."""
+    """Raise InputError unless the URI names a writable folder on a disk."""
     text = uri.partition(":")[2]
     if not text or ("://" in text and not text.startswith("file://")):
         raise InputError(f"jsonl: takes a folder on a disk, jsonl:FOLDER (got '{uri}')")
@@ -57,12 +57,12 @@ class JsonLines:
         self._ended: dict[str, tuple[str, Head]] = {}
 
     def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
-        """Append the line of an ended cell, unless it is there already."""
+        """Append the line of an ended cell, unless the file has it."""
         self._ended[head.cell.id] = stage, head
         self._cell(stage, head, read, self._configurations.of(stage, head.cell))
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
-        """Append a line per configuration, and one of the sweep; leave one line of each that the sweep has."""
+        """Append a line per configuration and one for the sweep; then keep one line per id that the sweep still has."""
         from orchestrator.analysis.summary_table import numbers
 
         cells = findings.cells
@@ -84,7 +84,7 @@ class JsonLines:
         beside.replace(self._path)
 
     def end(self, status: str) -> None:
-        """Append a line that says how the sweep has ended."""
+        """Append a line with the sweep's final status."""
         self._append(self._of_sweep(status))
 
     def _of_sweep(self, status: str) -> bytes:
@@ -93,7 +93,7 @@ class JsonLines:
         return self._line("sweep", self._id, fields | {name: self._meta[name] for name in ("created", "commit")})
 
     def _cell(self, stage: str, head: Head, read: Callable[[], Record | None], configurations: list[str]) -> None:
-        """Append a cell's line, unless the last one of it says the same."""
+        """Append a cell's line, unless its last line is equal."""
         key, digest = ("cell", head.cell.id), content_id([head.digest, head.status, configurations])
         if self._digests.get(key) == digest or (record := read()) is None:
             return
@@ -117,7 +117,7 @@ class JsonLines:
             file.write(line)
 
     def _lines(self) -> Iterator[tuple[tuple[str, str], str, bytes]]:
-        """Yield (kind and id, digest, line) of the file; cut off what a process that was killed left of a line."""
+        """Yield (kind and id, digest, line) of the file, after truncating a line that a killed process left."""
         if not self._path.exists():
             return
         whole = 0
@@ -134,5 +134,5 @@ class JsonLines:
 
 
 def _plain(value: Any) -> Any:
-    """Return null for a number that JSON does not have."""
+    """Return the value, or None for NaN and infinities, which JSON does not have."""
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""Bringing a tracker up to a sweep's results table."""
+"""Synchronises a tracker with a sweep's results table."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def sync(findings: Findings, uri: str, artifacts: Iterable[Path], backend: TrackingBackend | None = None) -> str:
-    """Write what is missing, and replace what has changed; the name of the copy: in MLflow, the parent run's id."""
+    """Write what is missing, replace what has changed, and return the copy's name (in MLflow, the parent run's id)."""
     results = findings.results
     backend = backend or kind_of(uri).load()(results, uri)
     try:
@@ -27,15 +27,17 @@ def sync(findings: Findings, uri: str, artifacts: Iterable[Path], backend: Track
                 backend.write_cell(stage, head, partial(results.log.record, cell.id))
         backend.finish(findings, artifacts)
     except BaseException:
-        with contextlib.suppress(Exception):  # a store that is away
+        with contextlib.suppress(Exception):  # an unreachable store
             backend.end("FAILED")
         raise
     return backend.parent
 
 
 def sync_now(findings: Findings, uri: str, artifacts: Iterable[Path]) -> str:
-    """`sync` for a person who waits for it. InputError where another process writes the sweep there, its driver
-    above all; SweepError where the place does not answer.
+    """Do the same as `sync` from the command line.
+
+    Raises InputError where another process, such as the driver, is writing the sweep there; SweepError where the store
+    does not answer.
     """
     kind = kind_of(uri)
     backend = kind.load()

@@ -1,4 +1,4 @@
-"""Writing to a tracker while a sweep runs: from one thread, never in the sweep's way."""
+"""Writes to a tracker from a background thread while a sweep runs."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from orchestrator.tracking.sync import sync
 from orchestrator.tracking.trackers import kind_of
 from trainables.errors import InputError
 
-if TYPE_CHECKING:  # a backend may take seconds to import: while cells run, in the thread that writes
+if TYPE_CHECKING:  # a backend may take seconds to import, so the background thread does that while cells run
     from orchestrator.analysis.findings import Findings
 
 WAITING = 200
-"""Records that wait for the tracker at the most. What comes on top is written at the end, from the disk."""
+"""Records that may wait for the tracker. Further ones are written at the end, from the disk."""
 
 FIRST_PAUSE, LONGEST_PAUSE = 2.0, 60.0
-"""Seconds until a store that has failed is tried again; doubled each time."""
+"""Seconds before a failed store is tried again; doubled each time."""
 
 
 PATIENCE = 30.0
-"""Seconds that a sweep waits at its end for a `deltatune sync` that is at work."""
+"""Seconds that a sweep waits at its end for a running `deltatune sync`."""
 
 log = logging.getLogger("deltatune.tracking")
 
 
 class Tracker:
-    """Hands the records of a sweep to a backend as they come; a store that is away is tried again and again."""
+    """Passes the records of a sweep to a backend as they arrive, and retries an unreachable store."""
 
     def __init__(self, results: Results, uri: str) -> None:
         self._results, self.uri = results, uri
@@ -47,9 +47,9 @@ class Tracker:
         self._held = contextlib.ExitStack()
         self._holds = False
         self.error: Exception | None = None
-        """Why the store has not got everything; `sync` makes good for it."""
+        """Why the copy is incomplete, or None; `deltatune sync` completes it."""
         self.parent: str | None = None
-        """The name of the copy, once it is whole: in MLflow, the sweep's run."""
+        """The name of the copy once it is complete: in MLflow, the id of the sweep's run."""
 
     def record(self, stage: str, record: Record) -> None:
         """Queue the record of an ended cell."""
@@ -61,13 +61,13 @@ class Tracker:
             return
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> str | None:
-        """Write all that is missing; the copy's name (in MLflow, the parent run's id), None where that has failed."""
+        """Write all that is missing, and return the copy's name (in MLflow, the parent run's id); None on failure."""
         self._close()
         try:
             self._backend = self._backend or self._connected(PATIENCE)
             parent = sync(findings, self.uri, artifacts, self._backend)
         except Exception as error:
-            _log(f"{self.kind.title}: not everything is there", error)
+            _log(f"{self.kind.title} is incomplete", error)
             self.error = error
             self.stop("FAILED")
             return None
@@ -76,13 +76,13 @@ class Tracker:
         return parent
 
     def stop(self, status: str | None = "KILLED") -> None:
-        """Stop writing, and give the sweep's run `status`; None: it is another driver's."""
+        """Stop writing, and set the `status` of the sweep's run; None: leave it, since another driver has the sweep."""
         self._close()
         try:
             if self._backend is not None and status is not None:
                 self._backend.end(status)
         except Exception as error:
-            _log(f"{self.kind.title}: how the sweep ended is not there", error)
+            _log(f"{self.kind.title} lacks the final status", error)
             self.error = self.error or error
         self._held.close()
 
@@ -93,9 +93,9 @@ class Tracker:
             self._thread.join()
 
     def _connected(self, patience: float = 0.0) -> TrackingBackend:
-        """Return the opened backend, when nobody else writes this sweep there; InputError where somebody does.
+        """Return the opened backend. Raises InputError where another process writes this sweep there.
 
-        What one process has found there is no longer so once another writes. patience: seconds to wait for the other.
+        It is opened with the lock held, since another process may have changed the copy. patience: seconds to wait.
         """
         deadline = clock.monotonic() + patience
         while not self._holds:
@@ -120,7 +120,7 @@ class Tracker:
                 self._write(*item)
                 item, pause = None, FIRST_PAUSE
             except Exception as error:
-                _log(f"{self.kind.title}: tried again later", error)
+                _log(f"{self.kind.title} will be tried again", error)
                 self.error, self._backend = error, None
                 clock.wait(self._closing, pause)
                 pause = min(2 * pause, LONGEST_PAUSE)

@@ -1,4 +1,4 @@
-"""The trackers that there are, as data: which one a tracking URI means. Light to import."""
+"""The kinds of tracker, as data, by the scheme of a tracking URI. Light to import."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class TrackerKind:
     """One kind of tracker."""
 
     key: str
-    """Names its lock in a sweep's folder."""
+    """Its name in the files of a lock."""
     title: str
-    """What messages call it."""
+    """Its name in messages."""
     schemes: tuple[str, ...]
-    """What its URIs begin with, before the colon."""
+    """The schemes of its URIs."""
     backend: str
     """'module:Class' of its TrackingBackend, imported when a sweep is written."""
     check: str = ""
@@ -37,14 +37,14 @@ class TrackerKind:
         return cast("type[TrackingBackend]", _named(self.backend))
 
     def checked(self, uri: str) -> str:
-        """Return the URI; InputError for one that cannot be used."""
+        """Return the URI. Raises InputError for one that cannot be used."""
         if self.check:
             _named(self.check)(uri)
         return uri
 
     @contextmanager
     def held(self, folder: Path) -> Iterator[None]:
-        """Be the one who writes the sweep in `folder` there; InputError that names who does already."""
+        """Hold the lock for writing the sweep in `folder` there. Raises InputError, which names the present holder."""
         with writing_to(folder, self.key, self.title):
             yield
 
@@ -70,17 +70,17 @@ TRACKERS: tuple[TrackerKind, ...] = (
 
 
 def scheme(uri: str) -> str:
-    """Return what a URI begins with, without the driver of a database (mysql+pymysql)."""
+    """Return a URI's scheme, without the driver of a database (mysql+pymysql)."""
     return uri.partition(":")[0].split("+")[0].lower()
 
 
 def tracker_of(uri: str) -> TrackerKind | None:
-    """Return the kind of tracker that a URI is of, or None."""
+    """Return the kind of tracker of a URI, or None."""
     return next((kind for kind in TRACKERS if scheme(uri) in kind.schemes), None)
 
 
 def kind_of(uri: str) -> TrackerKind:
-    """Return the same for a URI that was checked."""
+    """Return the same for a URI that was checked before."""
     return tracker_of(uri) or MLFLOW
 
 
@@ -89,7 +89,7 @@ def without_registry(uri: str) -> str:
     kind = kind_of(uri)
     if kind.has_registry:
         return ""
-    return f"MLflow alone has a registry of trained sources, and {kind.title} ({uri}) have none"
+    return f"{kind.title} ({uri}) have no registry of trained sources, only MLflow has one"
 
 
 def _named(text: str) -> Any:

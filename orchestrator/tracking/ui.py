@@ -14,14 +14,14 @@ from orchestrator.tracking.mlflow.store import connect
 from orchestrator.tracking.mlflow.views import LEADERBOARD
 
 TRAINING = "workflowType=machine_learning"
-"""Of an address: MLflow's pages for training runs."""
+"""Part of the address of MLflow's pages for training runs."""
 
 
 def serve(uri: str, host: str, port: int, console: Console) -> int:
-    """Serve the MLflow UI of the store `uri` until it is stopped; its exit code.
+    """Serve the MLflow UI of the store `uri` until it is stopped; return its exit code.
 
-    One worker and no job runner: a third of the memory and half of the start of MLflow's defaults. A database's
-    address, which may hold a password, goes by the environment: a command line is for all to see.
+    It has one worker and no job runner, which takes a third of the memory and half of the start-up time of MLflow's
+    defaults. A database's address may hold a password, so it is passed by the environment and not on a command line.
     """
     if uri.startswith(("http://", "https://")):
         console.print(f"The tracking server has its own UI: {uri}", soft_wrap=True)
@@ -33,7 +33,7 @@ def serve(uri: str, host: str, port: int, console: Console) -> int:
         console.print(f"{name}: http://{host}:{port}/{path}", soft_wrap=True)
     page = "" if pages else f"http://{host}:{port}/#/experiments?{TRAINING} "
     console.print(f"MLflow UI: {page}(it takes a few seconds; Ctrl-C stops it)", soft_wrap=True)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # or the server would live on without us
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # else the server would outlive this process
     with subprocess.Popen([*command, "--host", host, "--port", str(port)], env=environment) as server:
         try:
             return server.wait()
@@ -43,10 +43,9 @@ def serve(uri: str, host: str, port: int, console: Console) -> int:
 
 
 def leaderboards(uri: str) -> dict[str, str]:
-    """Return the path of the leaderboard of each of our experiments by its name, the latest first.
+    """Return the path of each experiment's leaderboard by the experiment's name, the latest first.
 
-    The link says that the page is of training runs: MLflow opens an experiment on its page for generative AI otherwise,
-    whatever its runs are.
+    The link asks for the page of training runs; otherwise MLflow opens its page for generative AI.
     """
     found = connect(uri).search_experiments(filter_string=f"name LIKE '{FAMILY}%'", order_by=["last_update_time DESC"])
     key = LEADERBOARD.key

@@ -1,4 +1,4 @@
-"""Which tracker a sweep is copied to: by default a store of MLflow's."""
+"""Resolves and validates the tracking URI of a sweep."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from trainables.storage.paths import is_local
 
 
 def tracking_uri(storage: Path, given: str | None) -> str:
-    """`given`, else MLFLOW_TRACKING_URI, else a database in the storage folder.
+    """Return `given`, else MLFLOW_TRACKING_URI, else a database in the storage folder.
 
-    Raises InputError for an unknown scheme, a storage that no database can be in, and for credentials where others can
-    read them: in the address of a server, or in `given`, which is on the command line.
+    Raises InputError for an unknown scheme, a storage in which no database can be, and for credentials that others
+    could read: in the address of a server, or in `given`, which is on the command line.
     """
     uri = given or os.environ.get("MLFLOW_TRACKING_URI")
     if uri is None:
@@ -41,5 +41,5 @@ def tracking_uri(storage: Path, given: str | None) -> str:
 
 
 def shown(uri: str) -> str:
-    """A tracking URI as it may be printed: without user name and password."""
+    """Return a tracking URI without user name and password, for printing."""
     return re.sub(r"//.*@", "//***@", uri)

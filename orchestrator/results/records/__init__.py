@@ -1,1 +1,1 @@
-"""The records of cells, and their log: the truth on disk."""
+"""The records of cells, and their log on disk."""

@@ -1,4 +1,4 @@
-"""The record of one ended cell: what it was, what came of it, and what it was made with."""
+"""The record of one ended cell: the cell, its outcome, and its provenance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trainables.errors import InputError, from_validation
 SCHEMA = 1
 
 Status = Literal["done", "failed", "stopped"]
-"""stopped: a scheduler has ended it early, so that its curve is no full one."""
+"""stopped: a scheduler has stopped it early, so that its curve is shorter."""
 
 Summary = dict[str, float | int | None]
 
@@ -29,41 +29,41 @@ class _Ended(BaseModel):
     error: str | None = None
     """Why it failed, or was stopped, in a sentence."""
     digest: str
-    """`curve.digest` of its points: tells two curves apart."""
+    """`curve.digest` of its points, which identifies the curve."""
     finished: float
     """Seconds since 1970."""
     seconds: float
-    """Seconds that the cell took."""
+    """Wall time of the cell."""
     versions: dict[str, str]
     commit: str
 
 
 class Head(_Ended):
-    """A record without its curve: light enough for all of a sweep's to be in memory."""
+    """A record without its curve: small enough to keep those of a whole sweep in memory."""
 
     summary: Summary
-    """What the cells table says of the curve; empty for a cell that is not done."""
+    """The curve's columns of the cells table; empty for a cell that is not done."""
 
 
 class Record(_Ended):
     """A record with its curve."""
 
     points: dict[str, list[float | int | None]]
-    """The evaluation curve as columns; of a failed or stopped cell, as far as it went."""
+    """The evaluation curve as columns; for a failed or stopped cell, up to its end."""
 
     @property
     def returns(self) -> list[float]:
-        """The greedy returns of the evaluation curve."""
+        """Return the greedy returns of the evaluation curve."""
         return [float(value) for value in self.points["greedy_return"] if value is not None]
 
     @functools.cached_property
     def head(self) -> Head:
-        """The record without its curve."""
+        """Return the record without its curve."""
         shared = {name: getattr(self, name) for name in _Ended.model_fields}
         return Head.model_construct(**shared, summary=_summary(self))
 
     def to_line(self) -> bytes:
-        """One line of a record log: checksum, cell id, head and curve, with tabs between them."""
+        """Return a line of a record log: checksum, cell id, head and curve, separated by tabs."""
         head = {"schema": SCHEMA, **self.head.model_dump(exclude={"cell"}), "cell": self.cell.to_json()}
         texts = (json.dumps(part, separators=(",", ":"), allow_nan=False) for part in (head, self.points))
         body = "\t".join((self.cell.id, *texts)).encode()
@@ -71,7 +71,7 @@ class Record(_Ended):
 
 
 class Line(NamedTuple):
-    """A line of a record log, checked but not yet read."""
+    """A line of a record log whose checksum was verified, not yet parsed."""
 
     cell_id: str
     head: bytes
@@ -79,7 +79,7 @@ class Line(NamedTuple):
 
 
 def split_line(data: bytes) -> Line | None:
-    """The parts of a line (with or without its end); None where it is damaged."""
+    """Return the parts of a line (with or without its end), or None where it is damaged."""
     checksum, tab, body = data.rstrip(b"\n").partition(b"\t")
     parts = body.split(b"\t")
     if not tab or len(parts) != 3 or checksum != b"%08x" % zlib.crc32(body):
@@ -88,12 +88,12 @@ def split_line(data: bytes) -> Line | None:
 
 
 def read_head(line: Line) -> Head:
-    """The head of a line; InputError where it is of another schema."""
+    """Return the head of a line. Raises InputError for another schema."""
     return Head.model_validate(_head(line))
 
 
 def read_record(line: Line) -> Record:
-    """The whole record of a line; InputError where it is of another schema, or its curve is not the digest's."""
+    """Return the whole record of a line. Raises InputError for another schema, or a curve with another digest."""
     fields = _head(line)
     fields.pop("summary", None)
     try:
@@ -106,7 +106,7 @@ def read_record(line: Line) -> Record:
 
 
 def _head(line: Line) -> dict[str, Any]:
-    """The fields of a head, its cell made; InputError as above."""
+    """Return the fields of a head, with its Cell. Raises InputError as `read_head` does."""
     try:
         fields: Any = json.loads(line.head)
         if not isinstance(fields, dict) or fields.pop("schema", None) != SCHEMA:

@@ -1,10 +1,10 @@
-"""The records of a sweep as an append-only log in segments: one writer, any number of readers, no record rewritten.
+"""The records of a sweep as an append-only log in segments, with one writer and any number of readers.
 
-A segment is a file of lines, one record each (see `record.Record.to_line`). Each run of a sweep appends to a segment
-of its own; on an object store, which cannot append, each call of `append` makes one, whose name bears the token of the
-driver's lease: a driver that has lost its lease cannot write over the records of the one that has it now. The last
-line of a cell counts. A line that a crash has cut off, or a disk has damaged, fails its checksum: its cell has not
-ended, and runs again.
+A segment is a file of lines, one record each (see `record.Record.to_line`). Each run of a sweep appends to a new
+segment; on an object store, which cannot append, each call of `append` writes one, with the token of the driver's lease
+in its name: a driver that has lost its lease cannot overwrite the records of the present one. The last line of a cell
+counts. A line that a crash has cut off or a disk has damaged fails its checksum; its cell then counts as not ended, and
+runs again.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from trainables.storage.atomic import append, write_atomic
 from trainables.storage.paths import is_local, read_range, sizes
 
 SEGMENT_BYTES = 64 * 2**20
-"""Length at which a segment is closed."""
+"""Size at which a segment is closed."""
 
 MAX_SEGMENTS = 16
-"""Segments from which on `compact` merges them."""
+"""With more segments than this, `compact` merges them."""
 
 SEGMENT = re.compile(r"(\d+)(-[0-9a-f]+)?\.jsonl")
 """The name of a segment: its number, and on an object store the token of its writer's lease."""
@@ -45,28 +45,28 @@ class RecordLog:
     damaged: list[str] = field(default_factory=list)
     """'SEGMENT, byte N' of each damaged line seen."""
     torn: dict[str, int] = field(default_factory=dict)
-    """Segment to the offset of the line at its end that was never finished, or is being written now."""
+    """Segment to the offset of an unfinished line at its end."""
     token: str = ""
-    """What the names of this writer's segments bear; empty where the folder's lock cannot be lost."""
+    """Part of the names of this writer's segments; empty where the folder's lock cannot be lost."""
     check: Callable[[], None] = lambda: None
-    """Is called before anything is written; raises LeaseLostError where this writer is the driver no more."""
+    """Called before each write; raises LeaseLostError where this writer is no longer the driver."""
     _heads: dict[str, Head] = field(default_factory=dict)
     _places: dict[str, _Place] = field(default_factory=dict)
     _read: dict[str, int] = field(default_factory=dict)
-    """Bytes of each segment that are in the index."""
+    """Segment to the number of its bytes in the index."""
     _lines: int = 0
     _segment: Path | None = None
     _number: int | None = None
-    """The number of the segment that was written last."""
+    """The number of the last segment written."""
     _held: tuple[str, bytes] | None = None
-    """The segment of an object store that was read last, whole."""
+    """The name and content of the last segment read from an object store."""
 
     def guard(self, hold: Hold) -> None:
-        """Write only while `hold` lasts."""
+        """Write only while `hold` is valid."""
         self.token, self.check = hold.token, hold.check
 
     def refresh(self) -> None:
-        """Take in what has been appended since the last call."""
+        """Read the lines that were appended since the last call."""
         try:
             self._scan()
         except FileNotFoundError:
@@ -77,7 +77,7 @@ class RecordLog:
         return self._heads
 
     def record(self, cell_id: str) -> Record | None:
-        """Return the whole record of a cell, None where it has not ended; InputError where it cannot be read."""
+        """Return the whole record of a cell, or None. Raises InputError where it cannot be read."""
         for _ in range(2):
             place = self._places.get(cell_id)
             if place is None:
@@ -92,7 +92,7 @@ class RecordLog:
         return None
 
     def append(self, records: Sequence[Record]) -> None:
-        """Write records to disk; when this returns they are there for good. OSError where the disk refuses them."""
+        """Write records to disk; they are durable when this returns. Raises OSError where the disk refuses them."""
         self.check()
         lines = [record.to_line() for record in records]
         data = b"".join(lines)
@@ -103,9 +103,9 @@ class RecordLog:
         self._read[segment] = start
 
     def compact(self) -> None:
-        """Merge many segments into few, without the lines that later ones have replaced or that are damaged.
+        """Merge segments, without lines that are damaged or replaced by later ones.
 
-        For the driver alone, when every planned cell has ended: what a damaged line had been is there again.
+        Only the driver may call it, once every planned cell has ended: cells with damaged records have then run again.
         """
         there = self._segments()
         old = {name for name, size in there.items() if self._read.get(name) == size or name in self.torn}
@@ -120,11 +120,11 @@ class RecordLog:
         self._rescan()
 
     def stamp(self) -> str:
-        """Return a text that changes whenever the log does."""
+        """Return a text that changes with the log."""
         return ",".join(f"{name}:{size}" for name, size in self._segments().items())
 
     def _merge(self, old: Collection[str], number: int) -> None:
-        """Write the lines of `old` that count, in their order, into new segments from `number` on."""
+        """Write the valid lines of `old`, in their order, to new segments from `number` on."""
         batch: list[bytes] = []
         size = 0
         for place in (place for place in self._places.values() if place.segment in old):
@@ -137,7 +137,7 @@ class RecordLog:
             write_atomic(self._path(number), b"".join(batch))
 
     def _put(self, data: bytes) -> tuple[str, int]:
-        """Append to this run's segment: (its name, the offset of `data`)."""
+        """Append to this run's segment; return its name and the offset of `data`."""
         if not is_local(self.folder):
             path = self._next()
             write_atomic(path, data)
@@ -147,7 +147,7 @@ class RecordLog:
         return self._segment.name, append(self._segment, data)
 
     def _next(self) -> Path:
-        """Return a new segment; one listing, then this writer alone counts on."""
+        """Return a new segment; the folder is listed once, since this writer is the only one."""
         if self._number is None or is_local(self.folder):
             self._number = max(map(_number, self._segments()), default=-1)
         self._number += 1
@@ -182,7 +182,7 @@ class RecordLog:
                     self._index(line.cell_id, read_head(line), _Place(name, offset, len(data)))
 
     def _rescan(self) -> None:
-        """Read the log anew: its driver has compacted it."""
+        """Read the whole log again after its driver has compacted it."""
         for part in (self._heads, self._places, self._read, self.damaged, self.torn):
             part.clear()
         self._lines, self._held, self._number = 0, None, None
@@ -208,7 +208,7 @@ def _number(segment: str) -> int:
 
 
 def _lines(path: Path, start: int) -> Iterator[tuple[int, bytes]]:
-    """Yield (offset, line) from `start` on; the last line of a segment that is being written may lack its end."""
+    """Yield (offset, line) from `start` on; the last line may be unfinished."""
     offset = start
     if not is_local(path):
         for line in read_range(path, start).splitlines(keepends=True):

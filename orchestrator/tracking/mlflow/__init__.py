@@ -1,1 +1,1 @@
-"""MLflow as a tracker: the browsing copy of a sweep."""
+"""MLflow as a tracker."""

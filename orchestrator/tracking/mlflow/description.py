@@ -17,15 +17,15 @@ from trainables.plugins.names import short
 
 
 def markdown(results: Results, groups: Sequence[Group], best: Sequence[Group]) -> str:
-    """The description of a sweep's parent run: what was asked, the table, how to get it again."""
+    """Return the description of a sweep's parent run: its question, the table, the command that reproduces it."""
     space = results.space()
     lines = [*_headline(best), space.description or space.name, "", "Every configuration:", ""]
     lines += [f"|{'|'.join(COLUMNS)}|", "|" + "---|" * len(COLUMNS)]
     lines += _rows(groups)
     lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
     lines += [
-        f"Again: `deltatune sweep SPACE.yaml --name {results.name}{options(results.folder)}`, with the search space "
-        "below as SPACE.yaml.",
+        f"To reproduce: `deltatune sweep SPACE.yaml --name {results.name}{options(results.folder)}`, with the search "
+        "space below as SPACE.yaml.",
         "",
     ]
     lines += [
@@ -38,7 +38,7 @@ def markdown(results: Results, groups: Sequence[Group], best: Sequence[Group]) -
 
 
 def _headline(best: Sequence[Group]) -> list[str]:
-    """The best configuration on each target, first: MLflow folds a long description after a few lines."""
+    """Return a table of the best configuration on each target; MLflow shows only the first lines of a description."""
     shown = [group for group in best if group.stage == "transfer" and group.auc]
     if not shown:
         return []
@@ -53,11 +53,11 @@ def _headline(best: Sequence[Group]) -> list[str]:
 HEADLINE = ("auc", "transfer_ratio")
 
 TABLE_CHARACTERS = 4000
-"""Length of the table in a description, of which MLflow keeps 8,000 characters."""
+"""Of the table in a description, of which MLflow keeps 8,000."""
 
 
 def _rows(groups: Sequence[Group]) -> list[str]:
-    """The lines of a Markdown table, as far as there is room."""
+    """Return the lines of a Markdown table, up to TABLE_CHARACTERS."""
     lines = ["|" + "|".join(cell.replace("|", "/") for cell in row(group)) + "|" for group in groups]
     lengths = itertools.accumulate(len(line) + 1 for line in lines)
     kept = [line for line, length in zip(lines, lengths, strict=True) if length <= TABLE_CHARACTERS]

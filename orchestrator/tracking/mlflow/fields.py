@@ -1,4 +1,4 @@
-"""What an MLflow run of a cell or a group holds: tags, metrics, and curves thin enough for a browser."""
+"""The tags, metrics and curves of MLflow runs, with few enough points for a browser."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ CELL_METRICS = (
     *("auc", "training_auc", "initial_return", "final_return", "asymptotic"),
     *("seconds", "steps", "steps_per_second"),
 )
-"""Columns of the cells table that a cell's run has as metrics."""
+"""Columns of the cells table that are metrics of a cell's run."""
 
 RETURN_POINTS, STATISTIC_POINTS = 51, 17
-"""Points that MLflow gets of a curve of greedy returns, and of any other; the results table has them all."""
+"""Points per curve in MLflow, for greedy returns and for other columns; the results table has all."""
 
 
 def thinned(metric: str, curve: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
-    """At most so many of a curve's points, evenly spaced, first and last included."""
+    """Return the curve reduced to that number of evenly spaced points, first and last included."""
     points = RETURN_POINTS if metric.startswith("greedy_return") else STATISTIC_POINTS
     if len(curve) <= points:
         return list(curve)
@@ -33,7 +33,7 @@ def thinned(metric: str, curve: Sequence[tuple[Any, Any]]) -> list[tuple[Any, An
 
 
 def cell_tags(stage: str, head: Head) -> dict[str, str]:
-    """The tags of a cell's run: what it was, and what it was made with."""
+    """Return the tags of a cell's run: the cell and its provenance."""
     cell = head.cell
     tags = {"agent": cell.agent, "task": cell.task, "seed": str(cell.seed), "stage": stage, "status": head.status}
     source = cell.sources[0] if cell.sources else None
@@ -46,7 +46,7 @@ def cell_tags(stage: str, head: Head) -> dict[str, str]:
 
 
 def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
-    """(metrics, tags) of an aggregate; what is undefined is said in a tag, never logged as a number."""
+    """Return (metrics, tags) of an aggregate; an undefined number is a tag, never a metric."""
     counts = {"failed": group.failed, "stopped": group.stopped, "missing": group.missing}
     metrics: dict[str, float] = {"seeds": len(group.seeds), **counts}
     tags = {"agent": group.agent, "task": group.task, "source": group.source, "stage": group.stage}
@@ -63,19 +63,19 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
 
 
 TEXTS = {"auc": "AUC", "transfer_ratio": "transfer_ratio", "difference": "difference", "verdict": "verdict"}
-"""Metric, or the verdict, to the tag that has it as rounded text: the columns of the leaderboard."""
+"""Metric, or verdict, to the tag with its rounded text: the columns of the leaderboard."""
 
 
 def _texts(group: Group) -> dict[str, str]:
-    """Return the numbers that a person reads first, rounded, with their intervals."""
+    """Return the most important numbers as rounded text with their intervals."""
     found = {metric.key: metric.text(group.estimates.get(metric.key)) for metric in METRICS if metric.key in TEXTS}
     return found | {"verdict": group.verdict or ("baseline" if group.source == "none" else "-")}
 
 
 def places(groups: Sequence[Group]) -> dict[str, str]:
-    """Return group id to '02.01': its task in the order of the sweep, and its rank by AUC among those of the task.
+    """Return group id to '02.01': the number of its task in the sweep, and its rank by AUC on that task.
 
-    Only of the transfer stage. AUCs of different tasks never stand in one ranking.
+    Only for the transfer stage. AUCs of different tasks are never ranked together.
     """
     shown = [group for group in groups if group.stage == "transfer"]
     found: dict[str, str] = {}
@@ -97,4 +97,4 @@ def sweep_metrics(groups: Sequence[Group], best: Sequence[Group]) -> dict[str, f
 
 
 DIGITS = 6
-"""Of the best AUCs on the sweep's own page; the aggregates and the tables have them in full."""
+"""Of the best AUCs in the sweep's run; the aggregates and the tables have full precision."""

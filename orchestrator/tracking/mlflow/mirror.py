@@ -1,13 +1,13 @@
-"""MLflow, the browsing copy of a sweep: one writer, drawn from the results alone, rebuilt at any time.
+"""The copy of a sweep in MLflow: written by one process, from the results alone, so that it can always be rebuilt.
 
     experiment          the family of sweeps
       run, kind=sweep       the sweep: description, table, figures and best.yaml as artifacts
         run, kind=aggregate   one per (task, agent, source, hyperparameters): mean, sd and interval over seeds
-        run, kind=cell        one per cell: parameters, curves, and what it was made with
+        run, kind=cell        one per cell: parameters, curves, provenance
 
-A run is found again by its tags (`sweep_id` with `cell_id` or `group`), and its `digest` tag says what it is to hold;
-so writing twice changes nothing, and a run that was cut off (its status is still RUNNING) is written again with the
-same time stamps, which MLflow stores once.
+A run is identified by its tags (`sweep_id` with `cell_id` or `group`), and its `digest` tag by its content; so writing
+twice changes nothing. A run that was interrupted (its status is still RUNNING) is written again with the same time
+stamps, which MLflow stores once.
 """
 
 from __future__ import annotations
@@ -37,31 +37,31 @@ from orchestrator.tracking.mlflow.store import connect
 from trainables.cell import Cell, content_id
 from trainables.storage.folders import local_copy
 
-logging.getLogger("mlflow").setLevel(logging.WARNING)  # no word of its database tables amid the display
+logging.getLogger("mlflow").setLevel(logging.WARNING)  # keeps its lines on database tables out of the display
 
 PARENT = "mlflow.parentRunId"
-"""The tag by which MLflow shows a run below another."""
+"""The tag by which MLflow nests a run under another."""
 
 BATCH = 800
-"""Most metrics of one call, which may hold 1000 things in all: the first has parameters and tags too."""
+"""Metrics per call, which may hold 1000 items; the first call has parameters and tags too."""
 
 
 _NO_CURVE = ("episode", "step", "seconds", "discounted_return")
-"""Columns of a record that MLflow gets no curve of."""
+"""Columns of a record without a curve in MLflow."""
 
 
 class _Known(NamedTuple):
-    """A run that is there."""
+    """An existing run."""
 
     run_id: str
     digest: str | None
-    """What it is to hold. The sweep's own run has none, nor has an aggregate whose figures are not known yet."""
+    """Identifies its content; None for the sweep's run, and for an aggregate without statistics yet."""
     whole: bool
-    """False: it was cut off."""
+    """False: it was interrupted."""
     parent: str | None = None
-    """The run that it is shown under."""
+    """The run under which it is nested."""
     groups: str | None = None
-    """The configurations that a cell is of."""
+    """The configurations of a cell."""
 
 
 class Mirror:
@@ -91,7 +91,7 @@ class Mirror:
         self.parent = self._find_parent()
 
     def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
-        """The run of one ended cell, unless it is there already; `read` gets its whole record."""
+        """Write the run of an ended cell, unless it exists; `read` returns the whole record."""
         cell, key = head.cell, ("cell", head.cell.id)
         digest = content_id([head.digest, head.status])
         if self._holds(key, digest) or (record := read()) is None:
@@ -114,7 +114,7 @@ class Mirror:
         )
 
     def _aggregate(self, group: str, cell: Cell) -> str:
-        """Return the run that a cell is shown under, begun where it is missing; it has its figures at the end."""
+        """Return the run under which a cell is nested, created where it is missing; `finish` adds its statistics."""
         known = self._known.get(("aggregate", group))
         if known is None:
             source = cell.sources[0].kind if cell.sources else "none"
@@ -123,7 +123,7 @@ class Mirror:
         return known.run_id
 
     def write_group(self, group: Group, curve: pd.DataFrame) -> None:
-        """The aggregate run of one group; a run that holds older figures is replaced."""
+        """Write the aggregate run of one group; a run with older statistics is replaced."""
         metrics, tags = group_figures(group)
         content = content_id([metrics, tags, curve.to_csv()])
         curves = {
@@ -143,7 +143,7 @@ class Mirror:
         )
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
-        """The aggregates, and the parent's description, figures and files."""
+        """Write the aggregates, and the description, figures and files of the sweep's run."""
         cells, every = findings.cells, findings.groups
         curves = mean_curves(findings.points, cells)
         for group in every:
@@ -170,7 +170,7 @@ class Mirror:
         self._client.set_terminated(self.parent)
 
     def _nest(self, cells: pd.DataFrame) -> None:
-        """Show every cell below the first aggregate that it is of, where it is not yet; name them all in a tag."""
+        """Nest every cell under the first of its aggregates, and name all of them in a tag."""
         for cell_id, of in cells.groupby("cell_id")["group"].agg(list).items() if len(cells) else ():
             key = "cell", str(cell_id)
             known, above, groups = self._known.get(key), self._known.get(("aggregate", of[0])), ", ".join(of)
@@ -184,7 +184,7 @@ class Mirror:
             self._known[key] = known._replace(groups=groups)
 
     def _log_sweep_metrics(self, metrics: Mapping[str, float]) -> None:
-        """Log the sweep's own metrics; those that are there already are not logged again."""
+        """Log the metrics of the sweep's run, except those that it has already."""
         there = self._client.get_run(self.parent).data.metrics
         stamp = int(time.time() * 1000)
         new = [Metric(name, value, stamp, 0) for name, value in metrics.items() if there.get(name) != value]
@@ -192,7 +192,7 @@ class Mirror:
             self._client.log_batch(self.parent, new)
 
     def end(self, status: str) -> None:
-        """Say that the sweep has stopped for now: KILLED by a wish, FAILED by an error."""
+        """Set the status of a sweep that stopped early: KILLED by request, FAILED by an error."""
         self._client.set_terminated(self.parent, status)
         for (kind, _), known in self._known.items():
             if kind == "aggregate" and not known.whole:
@@ -211,7 +211,7 @@ class Mirror:
         status: str,
         above: str,
     ) -> None:
-        """Find or make the run of `key`, and fill it; its status goes in last, so that it vouches for the rest."""
+        """Find or create the run of `key`, and fill it; its status is set last, and thereby marks it as complete."""
         known, digest = self._known.get(key), tags["digest"]
         if self._holds(key, digest):
             return
@@ -237,10 +237,10 @@ class Mirror:
         self._known[key] = known._replace(whole=True)
 
     def _begin(self, key: tuple[str, str], name: str, tags: Mapping[str, str], begun: float, above: str) -> _Known:
-        """Make the run of `key`."""
-        own = {"kind": key[0], "sweep": self._results.name, "sweep_id": self._sweep_id}
-        own |= {"cell_id" if key[0] == "cell" else "group": key[1], PARENT: above}
-        run = self._client.create_run(self._experiment, int(begun * 1000), {**tags, **own}, name)
+        """Create the run of `key`."""
+        identity = {"kind": key[0], "sweep": self._results.name, "sweep_id": self._sweep_id}
+        identity |= {"cell_id" if key[0] == "cell" else "group": key[1], PARENT: above}
+        run = self._client.create_run(self._experiment, int(begun * 1000), {**tags, **identity}, name)
         known = _Known(str(run.info.run_id), tags.get("digest"), False, above, tags.get("of_group"))
         self._known[key] = known
         return known

@@ -1,8 +1,8 @@
-"""MLflow's store: opened by one door, born whole, and refused in a sentence where it is damaged.
+"""Opens MLflow's store, creates a local database atomically, and refuses a damaged one in a sentence.
 
-MLflow makes its SQLite tables in some thousand steps. A process that is killed meanwhile would leave a database that no
-later one can open, so the tables are made in a file beside, which takes its name once it is whole. Until then nothing
-waits for the disk.
+MLflow creates its SQLite tables in some thousand steps. A process killed meanwhile would leave a database that cannot
+be opened, so the tables are created in a temporary file, which is renamed once it is complete. Until then no write is
+synchronised to the disk.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from orchestrator.errors import SweepError
 from trainables.storage import disk
 
 PREFIX = ".mlflow-new-"
-"""Of the folders in which databases are made."""
+"""Of the temporary folders in which databases are created."""
 
 ABANDONED_SECONDS = 3600.0
-"""Age from which on nobody is at work in such a folder any more."""
+"""Age from which such a folder counts as abandoned."""
 
 DAMAGED = ("already exists", "duplicate column", "no such table", "no such column", "malformed", "not a database")
-"""What SQLite says of a database that is damaged, or whose making was interrupted."""
+"""Parts of SQLite's messages on a damaged or incomplete database."""
 
 
 def connect(uri: str) -> MlflowClient:
-    """Return a client of the store `uri`; make the database of a local one that is not there yet.
+    """Return a client of the store `uri`; create the database of a local one where it is missing.
 
-    Raises SweepError for a damaged database, with the commands that make it anew.
+    Raises SweepError for a damaged database, with the commands that replace it.
     """
     path = local_database(uri)
     try:
@@ -47,8 +47,8 @@ def connect(uri: str) -> MlflowClient:
         if path is None or not any(words in str(error) for words in DAMAGED):
             raise
         raise SweepError(
-            f"MLflow's database {path} is damaged, or its making was interrupted; the results are whole without it: "
-            f"move it away (mv {path} {path}.damaged), and 'deltatune sync SWEEP' writes each sweep anew"
+            f"MLflow's database {path} is damaged or incomplete; the results are complete without it: "
+            f"move it away (mv {path} {path}.damaged), and 'deltatune sync SWEEP' writes each sweep again"
         ) from None
 
 
@@ -59,7 +59,7 @@ def local_database(uri: str) -> Path | None:
 
 
 def make(path: Path) -> None:
-    """Make an empty MLflow database, with write-ahead logging, unless there is one; it appears whole or not at all."""
+    """Create an empty MLflow database with write-ahead logging, atomically, unless there is one."""
     if path.exists() and path.stat().st_size:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -82,7 +82,7 @@ def make(path: Path) -> None:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove what killed processes have left."""
+    """Remove the temporary folders of killed processes."""
     for old in folder.glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):
             if time.time() - old.stat().st_mtime > ABANDONED_SECONDS:

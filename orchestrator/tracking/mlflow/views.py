@@ -1,6 +1,6 @@
-"""Views that MLflow's runs page offers under "Views": filter, order and columns of a table, ready to open.
+"""Saved views that MLflow's runs page offers under "Views": filter, order and columns of a table.
 
-The page keeps a saved view in a tag of the experiment, as compressed JSON; a UI that does not know it shows nothing.
+MLflow stores a saved view as compressed JSON in a tag of the experiment; a version that does not know it ignores it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ PREFIX = "mlflow.sharedViewState."
 _PIXELS = {"AUC": 112, "transfer_ratio": 125, "verdict": 85, "task": 230, "source": 85, "difference": 150, "place": 70}
 
 WIDTHS = {f"tags.`{name}`": width for name, width in (_PIXELS | {"agent": 130}).items()}
-"""Pixels of columns: the first three of the leaderboard stand beside the names in a window of 1000."""
+"""Widths of columns in pixels; a window of 1000 shows the first three of the leaderboard beside the names."""
 
 
 @dataclass(frozen=True)
@@ -23,18 +23,18 @@ class View:
     """One saved view."""
 
     key: str
-    """Names it in a link: /#/experiments/ID/runs?viewStateShareKey=KEY."""
+    """Its name in a link: /#/experiments/ID/runs?viewStateShareKey=KEY."""
     name: str
     condition: str
     """MLflow's search expression."""
     order: str
-    """The column that it is sorted by: metrics.`NAME` or tags.`NAME`."""
+    """The column by which it is sorted: metrics.`NAME` or tags.`NAME`."""
     ascending: bool
     tags: tuple[str, ...]
     metrics: tuple[str, ...]
 
     def tag(self) -> tuple[str, str]:
-        """(key, value) of the experiment's tag."""
+        """Return (key, value) of the experiment's tag."""
         columns = [f"tags.`{name}`" for name in self.tags] + [f"metrics.`{name}`" for name in self.metrics]
         state = {
             "searchFilter": self.condition,
@@ -60,7 +60,7 @@ LEADERBOARD = View(
     ("AUC", "transfer_ratio", "verdict", "task", "source", "difference", "place"),
     (),
 )
-"""Task by task, the best AUC first; the numbers as rounded text."""
+"""Grouped by task, the best AUC first, with the numbers as rounded text."""
 
 VIEWS = (
     LEADERBOARD,

@@ -372,7 +372,7 @@ def test_other_knowledge_of_the_same_cell_is_never_overwritten(poles: Results, u
     results, other = Results(tmp_path / "poles"), next(g for g in source_models(poles) if g.cell.id != found.cell.id)
     library = SourceLibrary(results.storage)
     library.save(found.cell, other.knowledge)
-    with pytest.raises(InputError, match="holds other knowledge of the same cell"):
+    with pytest.raises(InputError, match="has different knowledge of the same cell"):
         pretrained.keep([found], results)
     assert library.load(found.cell.id).digest == other.knowledge.digest
 
