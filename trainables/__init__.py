@@ -1,1 +1,1 @@
-"""What runs on a worker: tasks, agents, delta, and the training of one cell."""
+"""Everything that runs on a worker: tasks, agents, delta, and the training of a cell."""

@@ -17,7 +17,7 @@ from trainables.errors import InputError, from_validation
 from trainables.tasks.registry import parse_task
 
 SCHEMA = 1
-"""Version of the cell's JSON and of what its result means: a change of the arithmetic raises it, and so every id."""
+"""Version of the cell's JSON and of its results: a change of the arithmetic raises it, and changes every id."""
 
 ID_LENGTH = 16
 
@@ -40,13 +40,13 @@ class Source(BaseModel):
     cell_id: str | None = None
     """The cell that trained it; None for an exact source."""
     checkpoint: Literal["last", "best"] = "last"
-    """Which of its networks (deep agents): the last one, or the one with the best greedy evaluation."""
+    """Its last network, or the one with the best greedy evaluation (deep agents)."""
     steps: int | None = None
-    """T, the training steps that the source run of this cell's own seed took (deep agents' decay constant C)."""
+    """T, the training steps of the source run with this cell's seed (for the decay constant C of deep agents)."""
 
 
 class _Stored(BaseModel):
-    """A cell's JSON: its first source, and beside it those of the library of an agent that chooses among several."""
+    """A cell's JSON: its first source, and further ones in `library` for an agent that chooses among several."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -59,7 +59,7 @@ class _Stored(BaseModel):
 
 
 class Cell(BaseModel):
-    """Everything that decides a result, and nothing else. Build one with `Cell.create`."""
+    """Everything that determines a result, and nothing else. Build one with `Cell.create`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -67,9 +67,9 @@ class Cell(BaseModel):
     task: str
     seed: Annotated[int, Field(ge=0)]
     hyperparameters: dict[str, float | int | str | bool]
-    """All of them, defaults filled in."""
+    """All hyperparameters, defaults included."""
     sources: tuple[Source, ...] = ()
-    """Whose knowledge it uses: none, one, or several for an agent that chooses among them."""
+    """The sources that it uses: none, one, or several for an agent that chooses among them."""
 
     @classmethod
     def create(
@@ -95,29 +95,29 @@ class Cell(BaseModel):
 
     @functools.cached_property
     def id(self) -> str:
-        """The content hash: equal cells, and only they, have equal ids."""
+        """The content hash; equal cells, and only they, have equal ids."""
         return content_id(self.to_json())
 
     @property
     def source_key(self) -> str:
-        """The name of the sources' knowledge among those of a stage; empty for a cell without one."""
+        """The key of the sources' knowledge within a stage; empty for a cell without source."""
         keys = [source.cell_id or f"exact:{source.task}:{self.hyperparameters['gamma']!r}" for source in self.sources]
         return keys[0] if len(keys) == 1 else f"library:{content_id(keys)}" if keys else ""
 
     @property
     def settings(self) -> Hyperparameters:
-        """The hyperparameters as the agent's own type."""
+        """The hyperparameters as an instance of the agent's class."""
         return agent_named(self.agent).resolve(parse_task(self.task), dict(self.hyperparameters))
 
     @functools.cached_property
     def group(self) -> str:
-        """The id of what the cell shares with its other seeds: agent, task, kind of source and hyperparameters."""
+        """The id that the cell shares with its other seeds: agent, task, kind of source and hyperparameters."""
         kinds = [[source.task, source.kind, source.checkpoint] for source in self.sources]
         shared = [self.agent, self.task, kinds[0] if kinds else None, self._written()]
         return content_id([*shared, kinds[1:]] if len(kinds) > 1 else shared)
 
     def _written(self) -> dict[str, float | int | str | bool]:
-        """Return the hyperparameters but those that are as they were before the agent knew of them: ids last."""
+        """Return the hyperparameters without later additions at their earlier values, so that ids stay the same."""
         unwritten = agent_named(self.agent).hyperparameters.unwritten
         return {name: value for name, value in self.hyperparameters.items() if unwritten.get(name) != value}
 
@@ -129,7 +129,7 @@ class Cell(BaseModel):
 
     @classmethod
     def from_json(cls, data: object) -> Cell:
-        """Return the cell that `to_json` wrote; InputError where it is not one, or of another schema version."""
+        """Return the cell that `to_json` wrote. Raises InputError for anything else, or another schema version."""
         if not isinstance(data, dict):
             raise InputError(f"a cell must be an object (got {data!r})")
         if data.get("schema") != SCHEMA:
@@ -146,7 +146,7 @@ class Cell(BaseModel):
 
 
 def _checked_sources(agent: Agent, sources: Iterable[Source]) -> tuple[Source, ...]:
-    """Return the sources with canonical names; InputError for too many, too few, a misfit, or one given twice."""
+    """Return the sources with canonical names. Raises InputError for too many, too few, unfit or repeated ones."""
     found = tuple(sources)
     if agent.needs_source and not found:
         raise InputError(f"{agent.name} needs a source task")

@@ -1,4 +1,4 @@
-"""The evaluation curve of a cell as columns of plain numbers, and what is read off it."""
+"""The evaluation curve of a cell as columns of plain numbers, and statistics of it."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ LAST_SHARE = 0.1
 
 @dataclass(frozen=True)
 class EvalPoint:
-    """One greedy evaluation of a cell. Everything but `seconds` is equal, bit for bit, wherever the cell runs."""
+    """One greedy evaluation of a cell. All but `seconds` is bit for bit the same wherever the cell runs."""
 
     episode: int
     """Training episodes so far."""
     step: int
     """Training steps so far."""
     greedy_return: float
-    """Undiscounted return of the greedy policy (see the agent for which policy that is)."""
+    """Undiscounted return of the greedy policy (the agent defines which policy that is)."""
     discounted_return: float
     """The same, discounted by gamma."""
     training_return: float | None
@@ -45,10 +45,7 @@ class EvalPoint:
 
     @classmethod
     def checked(cls, point: object, seconds: float) -> EvalPoint:
-        """Return what a learner's `evaluate` returned with plain Python numbers in it, which are all finite.
-
-        Raises TrainingError that names the field and its value.
-        """
+        """Return a learner's point with plain Python numbers. Raises TrainingError unless all are finite numbers."""
         if not isinstance(point, EvalPoint):
             raise TrainingError(f"evaluate() must return an EvalPoint (got {type(point).__name__})")
         episode, step = (_count(name, getattr(point, name)) for name in ("episode", "step"))
@@ -76,7 +73,7 @@ def _count(name: str, value: Any) -> int:
 
 
 def _finite(name: str, value: Any, episode: int) -> float:
-    """The value as it is where it is a plain number, else as a Python one."""
+    """Return `value` as a finite Python number."""
     number = value
     if type(value) not in (int, float):
         try:
@@ -90,7 +87,7 @@ def _finite(name: str, value: Any, episode: int) -> float:
 
 
 def columns(points: Iterable[EvalPoint]) -> dict[str, list[float | int | None]]:
-    """The curve as columns: the fields of EvalPoint, then its statistics by name."""
+    """Return the curve as columns: the fields of EvalPoint, then its statistics by name."""
     items = list(points)
     names = list(dict.fromkeys(name for point in items for name in point.statistics))
     table: dict[str, list[float | int | None]] = {field: [getattr(p, field) for p in items] for field in FIELDS}
@@ -98,7 +95,7 @@ def columns(points: Iterable[EvalPoint]) -> dict[str, list[float | int | None]]:
 
 
 def joined(before: Columns, after: Columns) -> dict[str, list[float | int | None]]:
-    """Two parts of one curve as one; a column that one part lacks is filled up with None."""
+    """Return two parts of a curve as one; a column that one part lacks is filled with None."""
     names = list(dict.fromkeys([*before, *after]))
     lengths = [len(part["episode"]) if part else 0 for part in (before, after)]
     missing = [[None] * length for length in lengths]
@@ -106,7 +103,7 @@ def joined(before: Columns, after: Columns) -> dict[str, list[float | int | None
 
 
 def checked(value: object) -> dict[str, list[float | int | None]]:
-    """Return a curve as `columns` made it. Raises ValueError for anything else."""
+    """Return `value` if it is a curve as `columns` returns it. Raises ValueError for anything else."""
     if not isinstance(value, dict) or not set(FIELDS) <= set(value):
         raise ValueError(f"a curve needs the columns {', '.join(FIELDS)}")
     if len({len(column) for column in value.values()}) != 1:
@@ -115,7 +112,7 @@ def checked(value: object) -> dict[str, list[float | int | None]]:
 
 
 def digest(curve: Columns) -> str:
-    """SHA-256 of every bit of the curve but its seconds: equal iff the two curves are."""
+    """Return the SHA-256 of every bit of the curve except its seconds; equal iff the curves are."""
     data = {name: list(values) for name, values in curve.items() if name != "seconds"}
     text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -128,11 +125,11 @@ def mean(values: Sequence[float | int | None]) -> float | None:
 
 
 def auc(values: Sequence[float]) -> float:
-    """Mean of an evaluation curve (the scale of the paper's Table 1)."""
+    """Return the mean of an evaluation curve (the scale of the paper's Table 1)."""
     return sum(values) / len(values)
 
 
 def asymptotic(values: Sequence[float]) -> float:
-    """Asymptotic performance: the mean of the last tenth of the curve, at least one point."""
+    """Return asymptotic performance: the mean of the last tenth of the curve, at least one point."""
     last = max(1, round(len(values) * LAST_SHARE))
     return auc(values[-last:])

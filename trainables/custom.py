@@ -25,12 +25,12 @@ Scalar = float | int | str
 
 
 def load(name: str) -> str:
-    """Run the file of FILE.py:NAME[:FEATURE=VALUE,...] and return the name under which cells know it."""
+    """Run the file of FILE.py:NAME[:FEATURE=VALUE,...], and return the canonical name of the task or agent."""
     return pin(name)
 
 
 def feature(name: str, default: float, low: float, high: float, description: str = "") -> ContextFeature:
-    """A context feature: a number in [low, high] that the environment is built with."""
+    """Return a context feature: a number in [low, high] with which the environment is built."""
     if not low <= default <= high:
         raise InputError(f"feature {name}: the default must be between {low:g} and {high:g} (got {default:g})")
     return ContextFeature(name, float(default), description, number(low, high))
@@ -45,12 +45,12 @@ def task(
     targets: tuple[str, ...] = (),
     **defaults: Scalar,
 ) -> TaskFamily:
-    """A task with vector observations.
+    """Return a task with vector observations.
 
-    build: makes the environment from the value of every feature, by keyword: a class or a function.
+    build: a class or function that makes the environment from the values of all features, passed by keyword.
     limit: steps until an episode is truncated; it becomes a feature. None: `build` sets a TimeLimit itself.
     levels: values of each dimension of continuous actions; it becomes a feature. None: the actions are Discrete.
-    plain: the environment as it is without features; None: `build` called with nothing.
+    plain: makes the environment without features; None: `build` without arguments.
     targets: feature texts of the usual target tasks, e.g. ("gravity=2x",). defaults: hyperparameters for this task.
     Raises InputError for features that `build` does not take, and for a name given twice.
     """
@@ -85,9 +85,9 @@ def tabular_task(
     targets: tuple[str, ...] = (),
     **defaults: Scalar,
 ) -> TaskFamily:
-    """A task with finitely many states, by its exact model: training draws its steps from it.
+    """Return a task with finitely many states, defined by its exact model, from which training samples its steps.
 
-    model: makes the transition model from the value of every feature, by keyword. For the rest see `task`.
+    model: makes the transition model from the values of all features, passed by keyword. For the rest see `task`.
     """
     from trainables.tasks.builtin import from_model
 
@@ -116,14 +116,14 @@ def agent(
     shown: tuple[str, ...] = (),
     plots: tuple[Plot, ...] = (),
 ) -> Agent:
-    """An agent.
+    """Return an agent.
 
-    learner: a class that is built from (cell, source) and has run, evaluate and knowledge (`training.Learner`).
+    learner: a class that is built from (cell, source) and has run, evaluate and knowledge (`learners.learner.Learner`).
     hyperparameters: their ranges and defaults, a subclass of those in `trainables.agents.hyperparameters`.
-    base: the agent without transfer that this one is compared with and whose source it uses; None: it is one itself.
-    shown: hyperparameters that stand beside its name wherever it is, at their defaults too.
-    plots: what the report draws of its statistics over training (`trainables.agents.plots`).
-    Raises InputError for a learner without one of its methods.
+    base: the agent without transfer that it is compared with, and that trains its source; None: it has no transfer.
+    shown: hyperparameters that are part of its name in tables and figures, even at their defaults.
+    plots: the statistics that the report draws over training (`trainables.agents.plots`).
+    Raises InputError for a learner that lacks one of these methods.
     """
     lacking = [name for name in ("run", "evaluate", "knowledge") if not callable(getattr(learner, name, None))]
     if lacking:
@@ -143,7 +143,7 @@ def _check(build: Callable[..., Any], features: tuple[ContextFeature, ...], rese
     names = [feature.name for feature in features]
     for name in names:
         if names.count(name) > 1 or name in reserved:
-            raise InputError(f"the feature '{name}' is a name already taken")
+            raise InputError(f"the name '{name}' of a feature is already taken")
     try:
         inspect.signature(build).bind(**dict.fromkeys(names))
     except TypeError as error:

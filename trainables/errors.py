@@ -1,4 +1,4 @@
-"""The three kinds of errors: of a user's input, of a user's code (or of the training itself), of the infrastructure."""
+"""The three kinds of errors: bad input, custom code or training, and infrastructure."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ class InputError(ValueError):
 
 
 class TrainingError(RuntimeError):
-    """A cell that cannot go on: its agent or task returned what it must not. The text says where and why."""
+    """A cell cannot continue, since its agent or task returned an invalid value. The text says where and why."""
 
 
 class InfrastructureError(RuntimeError):
-    """A disk, a network, a process or a cluster failed. Nothing is wrong with the input, nor with the user's code."""
+    """A disk, network, process or cluster failed; neither the input nor custom code is wrong."""
 
 
 _LONGEST_NAME = 200
-"""Most characters of a name that a message repeats."""
+"""Characters of a name that a message repeats."""
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> InputError:
-    """The error for a name that is not in a registry, with the nearest match and the list of what there is."""
+    """Return the error for a name that is not in a registry, with the nearest match and the list of names."""
     names = list(known)
     near = difflib.get_close_matches(name[:_LONGEST_NAME], names, n=1)
     hint = f"did you mean '{near[0]}'? " if near else ""
@@ -34,11 +34,11 @@ def unknown(what: str, name: str, known: Iterable[str]) -> InputError:
 
 
 _SHOWN = 60
-"""Most characters of a value that a message repeats."""
+"""Characters of a value that a message repeats."""
 
 
 def shown(value: object) -> str:
-    """Return a value as a message names it: in one line, and no more of it than its beginning."""
+    """Return the beginning of a value in one line, for a message."""
     try:
         text = repr(value)
     except ValueError:  # a whole number of more than 4,300 digits
@@ -48,7 +48,7 @@ def shown(value: object) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return `text` as a terminal can show it in one line: what steers a terminal, or is no character, is escaped."""
+    """Return `text` in one line, with control characters and invalid characters escaped."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
@@ -67,11 +67,11 @@ _RULES = {
     "dict_type": "must be a mapping of keys to values",
     "string_pattern_mismatch": "must be 1 to 64 letters, digits, dots, dashes or underscores, a letter or digit first",
 }
-"""Our words where pydantic's speak of Python."""
+"""Messages that replace those of pydantic which refer to Python."""
 
 
 def from_validation(where: str, error: ValidationError) -> InputError:
-    """Turn pydantic's report into one sentence: the first offending field, what it may be, what it was."""
+    """Return pydantic's report as one sentence: the first wrong field, what is allowed, what was given."""
     first = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in first["loc"] if part not in _UNION_MEMBERS)
     subject = f"{where}: {place}" if place else where

@@ -46,6 +46,6 @@ def _propagate(
 
 
 def expected_return(model: TransitionModel, policy: NDArray[np.int64], gamma: float) -> tuple[float, float]:
-    """The exact (undiscounted, discounted) return of one episode, time limit included, of the `policy` (S,)."""
+    """Return the exact (undiscounted, discounted) return of one episode of `policy` (S,), time limit included."""
     p = model.transitions
     return _propagate(p.indptr, p.indices, p.data, model.rewards, policy, model.start, model.time_limit, gamma)

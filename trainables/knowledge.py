@@ -1,4 +1,4 @@
-"""What a trained agent knows, as plain arrays: the source knowledge of a later transfer."""
+"""Source knowledge: what a trained agent has learned, as plain arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trainables.errors import InputError
 
 META = "meta"
-"""Name of the array that holds a file's JSON header."""
+"""Name of the array with a file's JSON header."""
 
 
 MAX_BYTES = 2**30
@@ -31,7 +31,7 @@ class Knowledge:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over names, types, shapes and bytes: equal iff every bit is."""
+        """Return the SHA-256 over names, types, shapes and bytes; equal iff every bit is."""
         digest = hashlib.sha256()
         for name in sorted(self.arrays):
             array = np.ascontiguousarray(self.arrays[name])
@@ -40,7 +40,7 @@ class Knowledge:
         return digest.hexdigest()
 
     def q_table(self, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """The (S, A) table; InputError where there is none, it is not finite, or its shape is not `shape`."""
+        """Return the table (S, A). Raises InputError where there is none, it is not finite, or has another shape."""
         q = self.arrays.get("q")
         if q is None or q.dtype != np.float64:
             raise InputError("the source is not a Q table of 64-bit floats")
@@ -51,7 +51,7 @@ class Knowledge:
         return q
 
     def to_bytes(self, meta: Mapping[str, Any] | None = None) -> bytes:
-        """An .npz file without pickled objects, with `meta` and the digest in its header."""
+        """Return an .npz file without pickled objects, with `meta` and the digest in its header."""
         header = json.dumps({"schema": 1, "digest": self.digest, **(meta or {})}).encode()
         stream = io.BytesIO()
         arrays: dict[str, Any] = {META: np.frombuffer(header, np.uint8), **self.arrays}
@@ -60,7 +60,7 @@ class Knowledge:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> tuple[Knowledge, dict[str, Any]]:
-        """(knowledge, header) that `to_bytes` wrote; InputError for anything else, and where a bit has changed."""
+        """Return (knowledge, header) from the bytes of `to_bytes`. Raises InputError for anything else."""
         try:
             with zipfile.ZipFile(io.BytesIO(data)) as archive:
                 size = sum(info.file_size for info in archive.infolist())
@@ -78,14 +78,14 @@ class Knowledge:
 
 
 def joined(several: Sequence[Knowledge]) -> Knowledge:
-    """The knowledge of several sources as one: array `name` of number i as `i/name`; that of a single one as it is."""
+    """Return the knowledge of several sources as one, array `name` of source i as `i/name`; a single one unchanged."""
     if len(several) == 1:
         return several[0]
     return Knowledge({f"{i}/{name}": array for i, each in enumerate(several) for name, array in each.arrays.items()})
 
 
 def parts(knowledge: Knowledge, count: int) -> list[Knowledge]:
-    """The `count` pieces of knowledge that `joined` made one of."""
+    """Return the `count` pieces of knowledge that `joined` has joined."""
     if count == 1:
         return [knowledge]
     found: list[dict[str, NDArray[Any]]] = [{} for _ in range(count)]

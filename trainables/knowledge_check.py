@@ -1,4 +1,4 @@
-"""Whether source knowledge fits a task, and a source task a target."""
+"""Checks that source knowledge fits a task."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trainables.tasks.step_env import task_shape
 
 
 def check_fit(cell: Cell, knowledge: Knowledge) -> None:
-    """Raise InputError where the arrays are not what an agent like `cell`'s learns on its task, or not finite."""
+    """Raise InputError unless the arrays are finite and of the kind that the cell's agent learns on its task."""
     shape = task_shape(parse_task(cell.task))
     if agent_named(cell.agent).kind == "tabular":
         knowledge.q_table(shape)

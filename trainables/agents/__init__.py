@@ -1,1 +1,1 @@
-"""Which agents there are, and their hyperparameters. Light to import."""
+"""The agents and their hyperparameters. Light to import."""

@@ -1,4 +1,4 @@
-"""An agent: what it is called, its hyperparameters, and which learner trains it."""
+"""An agent: its name, its hyperparameters, and the learner that trains it."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from trainables.tasks.spec.family import Task
 
 @dataclass(frozen=True)
 class Agent:
-    """What is registered under a name."""
+    """An agent as it is registered under a name."""
 
     name: str
     description: str
     hyperparameters: type[Hyperparameters]
     base: str | None
-    """The agent without transfer that this one is compared with and whose source it uses; None: it is one itself."""
+    """The agent without transfer that it is compared with, and that trains its source; None: it has no transfer."""
     learner: str | Callable[..., Any]
-    """The learner's class, or the `module:Class` of one that is imported when a cell is trained."""
+    """The learner's class, or its `module:Class`, which is imported when a cell is trained."""
     kind: Literal["tabular", "deep"] = "tabular"
     origin: Literal["built-in", "custom", "missing"] = "built-in"
-    """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
+    """missing: a custom agent whose code is not loaded."""
     several: bool = False
-    """Whether it chooses among several sources: a cell of it may name a library beside the source."""
+    """Whether it chooses among several sources, so that its cells may name a library."""
     shown: tuple[str, ...] = ()
-    """Hyperparameters that are named beside it wherever it is, at their defaults too."""
+    """Hyperparameters that are part of its name in tables and figures, even at their defaults."""
     usual: bool = False
-    """Whether it is among the agents that are compared where nobody says which."""
+    """Whether it is among the agents that are compared by default."""
     algorithm: int | None = None
-    """The number of the paper's algorithm that it is."""
+    """Its number among the paper's algorithms, if it is one."""
     look: str = ""
-    """A colour of `dashboards.style.PALETTE`, with its dash and marker; empty: one that no agent of its kind has."""
+    """A key of `dashboards.style.PALETTE`; empty: one that no other agent of its kind has."""
     plots: tuple[Plot, ...] = ()
-    """What the report draws of it over training."""
+    """The statistics that the report draws over training."""
     no_task_default: tuple[str, ...] = ("threshold",)
     """Hyperparameters that take no default from the task (`TaskFamily.defaults`): the paper's thresholds are on the
     scale of Algorithm 1."""
 
     @property
     def needs_source(self) -> bool:
-        """Whether a cell of this agent names a source."""
+        """Whether cells of this agent need a source."""
         return self.base is not None
 
     def resolve(self, task: Task, given: dict[str, object]) -> Hyperparameters:
-        """All hyperparameters for `task`: the given ones, then the task's own (Tables 4 to 7), then the defaults.
+        """Return all hyperparameters for `task`: the given ones, then the task's (Tables 4 to 7), then the defaults.
 
         Raises InputError for a wrong key, type or range, or where the agent cannot learn this task.
         """

@@ -1,4 +1,4 @@
-"""What the hyperparameters of every agent have, and the ranges that they are made of."""
+"""The base class of all hyperparameters, and types for their ranges."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Count = Annotated[int, Field(ge=1, le=1_000_000_000)]
 
 
 class Hyperparameters(BaseModel):
-    """What every agent has. Wrong keys and types are refused; numbers are not read from text."""
+    """The hyperparameters that every agent has. Unknown keys and wrong types are refused; text is no number."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
 
     unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
-    """What a cell's JSON leaves out: of a hyperparameter younger than recorded cells, the value that these had."""
+    """Hyperparameters added later, with the value that earlier cells had, which a cell's JSON omits."""
 
     episodes: Count = 1000
     """Training episodes (Table 4)."""
     evaluate_every: Count = 10
-    """Episodes between greedy evaluations; one is made before training and one after the last episode."""
+    """Episodes between greedy evaluations. There is one before training, and one after the last episode."""
     gamma: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.99
     """Discount factor (Table 4)."""

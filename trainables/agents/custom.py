@@ -1,4 +1,4 @@
-"""The agents that users bring, by their canonical names."""
+"""Custom agents by their canonical names."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def agent(name: str) -> Agent | None:
     """Return the custom agent called `name`, a placeholder where its code is missing; None where `name` is not custom.
 
-    Raises InputError for a file that nobody has loaded by its name, and for what is no agent.
+    Raises InputError for a file that is not loaded, and for an object that is no agent.
     """
     from trainables.agents.missing import missing_agent
 
@@ -27,7 +27,7 @@ def agent(name: str) -> Agent | None:
         return missing_agent(name) if version else None
     parts = names.file_name(name)
     if parts.rest:
-        raise InputError(f"'{name}' is no agent's name: there is something after FILE.py:NAME")
+        raise InputError(f"'{name}' is not an agent's name: an agent has no features after FILE.py:NAME")
     if not parts.pin:
         raise InputError(f"'{name}' names a file that is not loaded: call deltatune.load_custom with this name first")
     thing = loader.attribute(parts)
@@ -35,7 +35,7 @@ def agent(name: str) -> Agent | None:
 
 
 _AGENTS: dict[str, Agent] = {}
-"""By canonical name: a name stands for one content."""
+"""By canonical name, which identifies the content."""
 
 
 def _agent(name: str, thing: Any) -> Agent:

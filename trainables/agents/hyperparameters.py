@@ -1,4 +1,4 @@
-"""The hyperparameters of every agent, and the ranges of which a custom agent makes its own."""
+"""The hyperparameters of every agent, and the types of ranges for those of custom agents."""
 
 from trainables.agents.base import Count, Hyperparameters, NonNegative, Positive, Probability, Rate
 from trainables.agents.builtin.delta_select import DeltaSelect

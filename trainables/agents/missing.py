@@ -1,4 +1,4 @@
-"""Stand-ins for custom agents whose code is not loaded, so that their results can still be read."""
+"""Placeholders for custom agents whose code is not loaded, so that their results can still be read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trainables.plugins.notes import _NOTES, _sentence
 
 
 def missing_agent(name: str) -> Agent:
-    """An agent of which nothing but its name and its notes is known."""
+    """Return a placeholder for an agent of which only the name and the notes are known."""
     from trainables.agents.agent import Agent
 
     notes = _NOTES.get(name, {})

@@ -1,4 +1,4 @@
-"""Things that are named by text, so that nothing heavy is imported before it is needed."""
+"""Objects named as `module:Name`, so that heavy modules are imported only when they are needed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def entry(named: Any) -> Any:
-    """Return what the text `module:Name` names, or `named` itself where it is no text."""
+    """Return the object that the text `module:Name` names; anything else is returned as it is."""
     if not isinstance(named, str):
         return named
     module, _, name = named.partition(":")

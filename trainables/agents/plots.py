@@ -1,4 +1,4 @@
-"""What the report draws of an agent over training, beside its returns: a statistic of its evaluation points each."""
+"""The statistics that the report draws over training, besides the returns."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ class Plot:
     """One statistic over training."""
 
     statistic: str
-    """Its name among the statistics that the learner reports at each evaluation."""
+    """Its name in the statistics that the learner reports at each evaluation."""
     title: str
     axis: str
     share: bool = False
     """Whether it lies between 0 and 1."""
     level: str = ""
-    """A hyperparameter that is drawn as a line across, for the statistic is held against it."""
+    """A hyperparameter that is drawn as a horizontal line, such as the threshold of the statistic."""
 
 
 GATE_OPEN = Plot("gate_open_share", "share of steps with the gate open", "share of steps", share=True)

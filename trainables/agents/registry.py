@@ -1,4 +1,4 @@
-"""The agents that have a name. To add one: a file in `builtin`, and a line here (docs/extending.md)."""
+"""The registry of agents. To add one: a module in `builtin`, and a line here (docs/extending.md)."""
 
 from __future__ import annotations
 
@@ -55,19 +55,19 @@ AGENTS: dict[str, Agent] = {
         SHUFFLED_ES,
     )
 }
-"""In the order in which they are listed everywhere."""
+"""In the order of all lists and legends."""
 
 
 def agents() -> dict[str, Agent]:
-    """The registered agents by name, those of installed packages included; InputError where a name is taken twice."""
+    """Return the agents by name, those of installed packages included. Raises InputError for a name taken twice."""
     entry_points.check_names("agent", AGENTS)
     return AGENTS | {name: agent_named(name) for name in entry_points.names("agent")}
 
 
 def agent_named(name: str) -> Agent:
-    """The agent called `name`; InputError with the list of what there is.
+    """Return the agent called `name`. Raises InputError, with the list of agents, for an unknown name.
 
-    A name of custom code whose file or package is not there gives a stand-in, which can be read of and not trained.
+    A custom agent whose file or package is missing gives a placeholder, whose results can be read but not trained.
     """
     if name in AGENTS:
         return AGENTS[name]

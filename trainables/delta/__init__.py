@@ -1,1 +1,1 @@
-"""delta: how far a target task's dynamics are from a source task's (paper, "Delta Function")."""
+"""delta: the distance between the dynamics of a target task and a source task (paper, "Delta Function")."""

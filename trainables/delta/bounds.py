@@ -11,12 +11,12 @@ from trainables.errors import InputError
 from trainables.tasks.registry import model_of, parse_task
 
 ROUNDING = 1e-9
-"""What an inequality may be off by: the values are exact to about 1e-11."""
+"""Tolerance of the inequalities; the values are exact to about 1e-11."""
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Exact figures of one transfer scenario; all values discounted by gamma."""
+    """Exact values for one transfer scenario, discounted by gamma."""
 
     source: str
     target: str
@@ -38,7 +38,7 @@ class Bounds:
 
 
 def bounds(source: str, target: str, gamma: float = 0.99) -> Bounds:
-    """The bounds for the tasks called `source` and `target`.
+    """Return the bounds for the tasks called `source` and `target`.
 
     Raises InputError where a task is not tabular, where the two do not share states and actions, or gamma is
     not in [0, 1).
@@ -73,7 +73,7 @@ def bounds(source: str, target: str, gamma: float = 0.99) -> Bounds:
 
 
 def _theorem3_slack(source: str, target: str, gamma: float) -> float:
-    """How far Q_trg^pi - Q_src^pi stays inside Theorem 3's bounds, for pi = the source's optimal policy."""
+    """Return how far Q_trg^pi - Q_src^pi stays inside Theorem 3's bounds, for pi = the source's optimal policy."""
     trg = model_of(target)
     live = ~trg.terminal
     q_src = exact_q(source, gamma)

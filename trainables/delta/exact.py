@@ -21,7 +21,7 @@ TOLERANCE = 1e-14
 
 
 def _evaluate(model: TransitionModel, policy: NDArray[np.int64], gamma: float, values: Array, sweeps: int) -> Array:
-    """Up to `sweeps` fixed-policy backups of `values` (S,), fewer where they stop changing."""
+    """Return `values` (S,) after up to `sweeps` backups under a fixed policy, fewer where they stop changing."""
     actions = model.rewards.shape[1]
     states = np.arange(len(values))
     transitions: csr_array = gamma * model.transitions[states * actions + policy]
@@ -36,12 +36,12 @@ def _evaluate(model: TransitionModel, policy: NDArray[np.int64], gamma: float, v
 
 
 def backup(model: TransitionModel, values: Array, gamma: float) -> Array:
-    """r(s,a) + gamma E[values(s')], as (S, A), from `values` (S,)."""
+    """Return r(s,a) + gamma E[values(s')], (S, A), for `values` (S,)."""
     return model.rewards + gamma * model.expected_next(values)
 
 
 def value_iteration(model: TransitionModel, gamma: float) -> Array:
-    """Q* as (S, A), by value iteration with many cheap backups of the greedy policy in each step."""
+    """Return Q* (S, A), by value iteration with many cheap backups of the greedy policy in each step."""
     values = np.zeros(model.rewards.shape[0])
     while True:
         q = backup(model, values, gamma)
@@ -53,17 +53,17 @@ def value_iteration(model: TransitionModel, gamma: float) -> Array:
 
 
 def policy_q(model: TransitionModel, policy: NDArray[np.int64], gamma: float) -> Array:
-    """Q^pi as (S, A) of the deterministic `policy` (S,)."""
+    """Return Q^pi (S, A) of the deterministic `policy` (S,)."""
     values = _evaluate(model, policy, gamma, np.zeros(model.rewards.shape[0]), sweeps=1_000_000)
     return backup(model, values, gamma)
 
 
 def exact_delta(target: TransitionModel, q_src: Array, gamma: float, policy: NDArray[np.int64] | None = None) -> Array:
-    """E_trg[r + gamma V_src(s')] - Q_src(s,a), as (S, A), from `q_src` (S, A); 0 at terminal states.
+    """Return E_trg[r + gamma V_src(s')] - Q_src(s,a), (S, A), for `q_src` (S, A); 0 at terminal states.
 
-    This is eq. (2)'s fixed point, with V_src(s') = max_b Q_src(s',b), or Q_src(s',policy(s')) under a `policy`
-    (S,), and 0 at a terminal s'. The paper's definition compares transition probabilities alone; where the
-    expected reward depends on the dynamics too (supply chain) the two differ, and only this form keeps
+    This is the fixed point of eq. (2), with V_src(s') = max_b Q_src(s',b), or Q_src(s',policy(s')) under a `policy`
+    (S,), and 0 at a terminal s'. The paper's definition compares only transition probabilities; where the expected
+    reward depends on the dynamics too (supply chain) the two differ, and only this form satisfies
     Q_trg - Q_src = delta + gamma E_trg[V_trg - V_src], hence Theorems 1 and 3.
     """
     v_src = q_src.max(axis=1) if policy is None else q_src[np.arange(len(q_src)), policy]
@@ -73,7 +73,7 @@ def exact_delta(target: TransitionModel, q_src: Array, gamma: float, policy: NDA
 
 @functools.lru_cache(maxsize=8)
 def exact_q(task: str, gamma: float) -> Array:
-    """Q* of the task called `task`, as a read-only (S, A) array."""
+    """Return Q* (S, A) of the task called `task`, read-only."""
     q = value_iteration(model_of(task), gamma)
     q.setflags(write=False)
     return q

@@ -1,1 +1,1 @@
-"""The fast Q-network and its torch twin."""
+"""The compiled Q-network and its torch counterpart."""

@@ -1,4 +1,4 @@
-"""What the deep agents ask of a network, and which one serves a cell."""
+"""The interface of networks for deep agents, and the choice of one for a cell."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from trainables.numerics.matmul import F32
 
 
 class Network(Protocol):
-    """Q(s, .) with its optimiser; `QNetwork` says what each method does."""
+    """Q(s, .) with its optimiser; see `QNetwork` for the methods."""
 
     sizes: NDArray[np.int64]
-    """Inputs, hidden layers, actions; empty for a custom module, whose shape only its factory knows."""
+    """Inputs, hidden layers, actions; empty for a custom module, whose shape is unknown."""
 
     def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
-        """One Adam step towards targets (B,) at observations (inputs, B), flat, and actions (B,); the loss."""
+        """Take an Adam step to targets (B,) at observations (inputs, B), flat, and actions (B,); return the loss."""
 
     def distil(
         self,
@@ -34,25 +34,25 @@ class Network(Protocol):
         weight: float,
         temperature: float,
     ) -> float:
-        """`update` with weight KL(softmax(teacher / temperature), softmax(Q / temperature)) in the loss.
+        """Do the same as `update` with weight KL(softmax(teacher / temperature), softmax(Q / temperature)) in the loss.
 
         teacher: (B, actions).
         """
 
     def row(self, observation: F32) -> F32:
-        """Q(s, .) (actions,) at one observation (inputs,)."""
+        """Return Q(s, .) (actions,) at one observation (inputs,)."""
 
     def rows(self, observations: F32) -> F32:
-        """Q(s, .) (n, actions) at observations (n, inputs)."""
+        """Return Q(s, .) (n, actions) at observations (n, inputs)."""
 
     def vector(self) -> F32:
-        """A copy of all parameters, flat."""
+        """Return a copy of all parameters, flat."""
 
     def load_vector(self, vector: F32) -> None:
-        """Take over parameters that `vector` gave."""
+        """Set the parameters to a vector that `vector` returned."""
 
     def state(self) -> dict[str, Any]:
-        """Parameters and the optimiser's state, for a checkpoint."""
+        """Return parameters and the optimiser's state, for a checkpoint."""
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go back to what `state` returned."""
@@ -67,7 +67,7 @@ def new_network(
     hidden: tuple[int, ...] | None = None,
     beside: Network | None = None,
 ) -> Network:
-    """A network for these settings; `hidden` takes the place of their layers. beside: as `QNetwork` has it."""
+    """Return a network for these settings; `hidden` replaces their layers. beside: see `QNetwork`."""
     layers = (settings.hidden_size,) * settings.hidden_layers if hidden is None else hidden
     if settings.module or settings.device != "cpu":
         from trainables.networks.torch_qnetwork import TorchNetwork
@@ -87,7 +87,7 @@ def new_network(
 def source_network(
     knowledge: Knowledge, checkpoint: str, settings: DQN, inputs: int, actions: int, beside: Network | None = None
 ) -> Network:
-    """The network that a source's knowledge holds: its `checkpoint` 'last' or 'best'.
+    """Return the source's network, its `checkpoint` 'last' or 'best'.
 
     Raises InputError where the knowledge is not a deep agent's, not finite, or of another shape than the task.
     """

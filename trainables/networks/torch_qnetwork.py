@@ -1,4 +1,4 @@
-"""A Q-network computed by torch alone: for a GPU, and for a custom module."""
+"""A Q-network computed by torch, for GPUs and custom modules."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from trainables.numerics.threads import one_thread
 
 
 class TorchNetwork:
-    """`QNetwork`'s methods on any torch module, any device."""
+    """The methods of `QNetwork` for any torch module on any device."""
 
     def __init__(
         self,
@@ -34,13 +34,13 @@ class TorchNetwork:
 
         Raises InputError where there is no GPU or no such module factory, or the module's output does not fit.
         """
-        one_thread()  # whoever trains the cell: torch's sums depend on it
+        one_thread()  # here too, since torch's sums depend on the number of threads
         if settings.device == "cuda" and not torch.cuda.is_available():
             raise InputError("device 'cuda' was asked for, but torch finds no GPU")
         self._device = torch.device(settings.device)
         sizes = () if settings.module else (inputs, *hidden, actions)
         self.sizes = np.array(sizes, dtype=np.int64)
-        module = _own(settings.module, inputs, actions, generator) if settings.module else _perceptron(sizes)
+        module = _custom(settings.module, inputs, actions, generator) if settings.module else _perceptron(sizes)
         if generator is not None:
             _initialise(module, generator)
         self.module = module.to(self._device)
@@ -52,7 +52,7 @@ class TorchNetwork:
             raise InputError(f"module '{settings.module}' must map (n, {inputs}) to (n, {actions})")
 
     def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
-        """One Adam step on Q(s,a); the loss before it. observations: (inputs, B), flat."""
+        """Take an Adam step on Q(s,a), and return the loss before it. observations: (inputs, B), flat."""
         return self._descend(self._td_loss(self._values(observations), actions, targets))
 
     def distil(
@@ -64,7 +64,7 @@ class TorchNetwork:
         weight: float,
         temperature: float,
     ) -> float:
-        """`update` with weight KL(softmax(teacher / temperature), softmax(Q / temperature)) in the loss."""
+        """Do the same as `update` with weight KL(softmax(teacher / temp.), softmax(Q / temp.)) in the loss."""
         values = self._values(observations)
         student = torch.log_softmax(values / temperature, dim=1)
         taught = torch.log_softmax(self._tensor(teacher) / temperature, dim=1)
@@ -86,26 +86,26 @@ class TorchNetwork:
         return float(loss.detach())
 
     def row(self, observation: F32) -> F32:
-        """Q(s, .) of one observation (inputs,), as (actions,)."""
+        """Return Q(s, .) (actions,) at one observation (inputs,)."""
         first: F32 = self.rows(observation[None])[0]
         return first
 
     def rows(self, observations: F32) -> F32:
-        """Q(s, .) of observations (n, inputs), as (n, actions)."""
+        """Return Q(s, .) (n, actions) at observations (n, inputs)."""
         with torch.no_grad():
             return cast("F32", self.module(self._tensor(observations)).cpu().numpy())
 
     def vector(self) -> F32:
-        """A copy of the parameters, flat."""
+        """Return a copy of the parameters, flat."""
         return cast("F32", nn.utils.parameters_to_vector(self.module.parameters()).detach().cpu().numpy().copy())
 
     def load_vector(self, vector: F32) -> None:
-        """Take over flat parameters; the optimiser stays as it is."""
+        """Set the parameters to a flat vector; the optimiser stays as it is."""
         with torch.no_grad():
             nn.utils.vector_to_parameters(self._tensor(vector), self.module.parameters())
 
     def state(self) -> dict[str, Any]:
-        """Parameters, buffers and optimiser, for a checkpoint."""
+        """Return parameters, buffers and optimiser, for a checkpoint."""
         slots = self._optimiser.state_dict()["state"]
         return {
             "module": {name: tensor.cpu().numpy().copy() for name, tensor in self.module.state_dict().items()},
@@ -129,8 +129,8 @@ class TorchNetwork:
         return torch.from_numpy(array).to(self._device)
 
 
-def _own(name: str, inputs: int, actions: int, generator: torch.Generator | None) -> nn.Module:
-    """The user's module; what its factory draws comes from the cell's own stream and leaves torch's as it was."""
+def _custom(name: str, inputs: int, actions: int, generator: torch.Generator | None) -> nn.Module:
+    """Return the custom module. Its factory draws from the cell's stream, and torch's global stream stays unchanged."""
     factory = _factory(name)
     with torch.random.fork_rng(devices=[]):
         if generator is not None:
@@ -154,7 +154,7 @@ def _factory(name: str) -> Callable[[int, int], nn.Module]:
 
 
 def _initialise(module: nn.Module, generator: torch.Generator) -> None:
-    """Xavier weights, everything else 0, as QNetwork's; a module with other layers keeps what its factory drew."""
+    """Set Xavier weights and zeros elsewhere, as in QNetwork; a module with other layers keeps its factory's values."""
     for layer in module.modules():
         if isinstance(layer, nn.Linear):
             nn.init.xavier_uniform_(layer.weight, generator=generator)

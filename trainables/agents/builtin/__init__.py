@@ -1,1 +1,1 @@
-"""The agents that come with deltatune, a file for each or for a family of them."""
+"""The built-in agents, one module for each or for a family of them."""

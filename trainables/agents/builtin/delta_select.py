@@ -1,4 +1,4 @@
-"""The agent that chooses, in a tabular task, among the sources of a library."""
+"""The tabular agent that chooses among the sources of a library."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from trainables.agents.plots import SOURCE_ACTION
 
 
 class DeltaSelect(QLearning):
-    """Follows the source of a library whose delta along its own path is smallest, or none; beyond the paper."""
+    """Follows the source of a library with the smallest delta along its own path, or none; beyond the paper."""
 
     practice: Probability = 0.5
     """Share of the episodes that Q_trg plays itself, however good a source is."""
     z: NonNegative = 3.0
-    """Standard errors that a source which was followed seldom is given."""
+    """Standard errors added to the estimate of a source, as an optimistic bound."""
     sd_floor: Positive = 0.3
     """se = max(sd, sd_floor) / sqrt(n), with the standard deviation over the episodes of all sources."""
     keep: Probability = 0.5
-    """Share of what a source promises over an untrained Q_trg that it must keep to be followed."""
+    """Share of its predicted advantage over an untrained Q_trg that a source must keep to be followed."""
     own_rate: Rate = 0.05
-    """Rate of the running mean of Q_trg's own returns, which a source must exceed."""
+    """Rate of the running mean of Q_trg's returns, which a source must exceed."""
 
 
 DELTA_SELECT = Agent(

@@ -1,4 +1,4 @@
-"""Explicit shaping by one source of a library."""
+"""Explicit shaping by one of the sources of a library."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ class DeltaSelectShaping(ExplicitShaping):
     unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({"floor": "greedy"})
 
     threshold: NonNegative = 1.0
-    """Advice is taken from a source only while its delta exceeds the delta on its own task by no more than this."""
+    """A source gives advice only while its delta exceeds the delta on its own task by at most this."""
     z: NonNegative = 3.0
-    """Standard errors, over episodes, that delta's excess is given to chance."""
+    """Standard errors over episodes that are subtracted from the excess of delta."""
     floor: Literal["exploring", "greedy"] = "exploring"
-    """How the source's own task is walked through for the delta there: with as much exploration as there is in the
-    target's transitions, so that like is held against like, or greedily."""
+    """How delta on the source's own task is measured: with the same exploration as in the target's transitions, so that
+    the two are comparable, or greedily."""
     memory: Count = 100
-    """Episodes after which a sample of delta counts for 1/e of a new one."""
+    """Episodes after which the weight of a sample of delta has fallen to 1/e."""
 
 
 DELTA_SELECT_ES = Agent(

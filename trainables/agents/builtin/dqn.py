@@ -11,13 +11,13 @@ from trainables.agents.base import Count, Hyperparameters, Positive, Probability
 
 
 class DQN(Hyperparameters):
-    """Deep Q-learning (Table 6); a task brings the paper's own values for it."""
+    """Deep Q-learning (Table 6); tasks set the paper's values for them."""
 
     advice: ClassVar[Any] = "trainables.learners.advice:Advice"
-    """How the source is used: a class of `trainables.learners.advice`, or the `module:Class` of one."""
+    """The strategy that uses the source: a class like those of `trainables.learners.advice`, or its `module:Class`."""
 
     evaluate_every: Count = 100
-    """Episodes between greedy evaluations; one is made before training and one after the last episode."""
+    """Episodes between greedy evaluations. There is one before training, and one after the last episode."""
     evaluation_episodes: Count = 50
     """Greedy episodes of one evaluation."""
     learning_rate: Rate = 1e-4
@@ -27,33 +27,33 @@ class DQN(Hyperparameters):
     hidden_size: Annotated[int, Field(ge=1, le=8192)] = 256
     """Units of each hidden layer, with ReLU."""
     batch_size: Annotated[int, Field(ge=1, le=65_536)] = 128
-    """Transitions of one update; one update is made per environment step once that many are there."""
+    """Transitions per update. There is one update per environment step once the replay buffer has that many."""
     replay_capacity: Annotated[int, Field(ge=1, le=10_000_000)] = 10_000
-    """Transitions that are remembered; the oldest are overwritten."""
+    """Transitions in the replay buffer; the oldest are overwritten."""
     target_update: Count = 1000
     """Environment steps between copies to the target network."""
     max_gradient_norm: Positive = 10.0
-    """The gradient is scaled down to this norm."""
+    """Largest norm of the gradient; a larger one is scaled down."""
     loss: Literal["squared", "huber"] = "squared"
-    """Of the TD error."""
+    """Loss of the TD error."""
     epsilon_start: Probability = 1.0
     """epsilon at the start (Table 6)."""
     epsilon_end: Probability = 0.01
-    """epsilon that is approached (Table 6)."""
+    """epsilon in the limit (Table 6)."""
     epsilon_decay: Positive = 500.0
     """epsilon = epsilon_end + (epsilon_start - epsilon_end) exp(-n / epsilon_decay)."""
     epsilon_unit: Literal["episodes", "steps"] = "episodes"
-    """What n counts: with episodes DQN's results are the paper's, with steps they are not."""
+    """The unit of n. Episodes reproduce the paper's results of DQN, steps do not."""
     truncation: Literal["bootstrap", "terminal"] = "bootstrap"
-    """Whether the step that reaches the time limit bootstraps or is learned from as if it were terminal."""
+    """Whether the step that reaches the time limit bootstraps, or counts as terminal."""
     module: str = ""
     """`module:factory` of a torch module, called as factory(inputs, actions); empty: the built-in perceptron."""
     device: Literal["cpu", "cuda"] = "cpu"
-    """Where torch computes; the built-in perceptron on the CPU is the compiled one."""
+    """The device of torch; on the CPU the built-in perceptron uses compiled kernels instead."""
 
     @property
     def epsilon_schedule(self) -> tuple[float, float]:
-        """Epsilon at the start, and its decay."""
+        """Return (epsilon at the start, its decay)."""
         return self.epsilon_start, self.epsilon_decay
 
     @model_validator(mode="after")
@@ -64,6 +64,6 @@ class DQN(Hyperparameters):
 
 
 LEARNER = "trainables.learners.dqn:DeepLearner"
-"""The loop of Algorithm 2, which all deep agents share."""
+"""The learner that all deep agents share: the loop of Algorithm 2."""
 
 DQN_AGENT = Agent("dqn", "deep Q-learning without transfer", DQN, None, LEARNER, "deep", usual=True, look="grey")

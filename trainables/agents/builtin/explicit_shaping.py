@@ -20,7 +20,7 @@ class ExplicitShaping(DQN):
     advice_fraction: Rate = 0.25
     """C = 1 / (advice_fraction T): the share of T, the source run's steps, until kappa is 0 (eq. 6)."""
     evaluation_policy: Literal["q", "shaped"] = "q"
-    """What greedy evaluation follows: Q alone, or what the agent acts on."""
+    """The values that greedy evaluation maximises: Q alone, or those on which the agent acts."""
 
 
 class DeltaShaping(ExplicitShaping):
@@ -33,7 +33,7 @@ class DeltaShaping(ExplicitShaping):
     delta_learning_rate: Rate = 5e-4
     """alpha_d, the step size of the delta network (Table 7)."""
     delta_after_advice: Literal["rest", "train"] = "rest"
-    """Whether the delta network is trained on once kappa is 0, when it can change no action any more."""
+    """Whether the delta network is still trained once kappa is 0, when it can change no action any more."""
 
 
 ES = Agent(

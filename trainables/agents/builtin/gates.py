@@ -1,4 +1,4 @@
-"""Algorithm 1: the gate of the paper, by the size of delta, and one that asks for significance."""
+"""Algorithm 1: the paper's gate, by the size of delta, and a gate that requires significance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _threshold(value: object) -> object:
 
 
 Threshold = Annotated[float | Literal["auto"], BeforeValidator(_threshold)]
-"""auto: the noise floor of the source, what its delta comes to on its own task (`delta.noise_floor`)."""
+"""auto: the noise floor of the source, which is its delta on its own task (`delta.noise_floor`)."""
 
 
 class DeltaGate(Transfer):
@@ -30,20 +30,20 @@ class DeltaGate(Transfer):
     reuse = "gate"
 
     threshold: Threshold = 10.0
-    """Delta: the gate is open iff no |delta(s,a)| exceeds it (Table 5); auto: the source's own noise floor."""
+    """Delta: the gate is open iff no |delta(s,a)| exceeds it (Table 5); auto: the source's noise floor."""
 
 
 class ConfidenceGate(Transfer):
-    """Algorithm 1 with a gate that asks for significance, not for size alone; beyond the paper."""
+    """Algorithm 1 with a gate that requires |delta| to be significantly large; beyond the paper."""
 
     reuse = "gate"
 
     threshold: Threshold = 1.0
-    """Delta: the gate closes iff some |mean| - z se exceeds it; auto: the source's own noise floor."""
+    """Delta: the gate closes iff some |mean| - z se exceeds it; auto: the source's noise floor."""
     z: NonNegative = 3.0
-    """Standard errors that are given to chance."""
+    """Standard errors subtracted from |mean|."""
     min_visits: Annotated[int, Field(ge=2)] = 5
-    """Visits before a pair counts."""
+    """Visits before a state-action pair counts."""
     sd_floor: Positive = 0.3
     """se = max(sd, sd_floor) / sqrt(n)."""
 
@@ -64,7 +64,7 @@ DELTA_GATE = Agent(
 
 CONFIDENCE_GATE = Agent(
     "confidence_gate",
-    "Algorithm 1 with a gate that asks for significance",
+    "Algorithm 1 with a gate that requires significance",
     ConfidenceGate,
     "q_learning",
     LEARNER,

@@ -1,4 +1,4 @@
-"""Q-learning, and two plain ways of using a source beside it."""
+"""Q-learning, direct reuse and warm start."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class QLearning(Hyperparameters):
     """Q-learning, eq. (1)."""
 
     reuse: ClassVar[Literal["never", "always", "psi", "gate"]] = "never"
-    """When a step takes the source policy's action: with probability psi, say, or while the gate is open."""
+    """When a step takes the source policy's action: never, always, with probability psi, or while the gate is open."""
     warm_start: ClassVar[bool] = False
     """Whether Q_trg begins as Q_src."""
 
@@ -24,11 +24,11 @@ class QLearning(Hyperparameters):
     epsilon_decay: NonNegative = 5e-4
     """epsilon_e = max(epsilon_start - epsilon_decay * e, 0), constant within episode e (Table 4)."""
     truncation: Literal["bootstrap", "terminal"] = "bootstrap"
-    """Whether the step that reaches the time limit bootstraps or is learned from as if it were terminal."""
+    """Whether the step that reaches the time limit bootstraps, or counts as terminal."""
 
 
 class Transfer(QLearning):
-    """A Q-learner with a source; it estimates delta whatever it does with it."""
+    """Q-learning with a source; it estimates delta whether it uses it or not."""
 
     delta_learning_rate: Rate = 0.05
     """alpha_d of eq. (2) (Table 5)."""
@@ -47,7 +47,7 @@ class WarmStart(Transfer):
 
 
 LEARNER = "trainables.learners.q_learning:TabularLearner"
-"""The loop of Algorithm 1, which all tabular agents with one source share."""
+"""The learner that all tabular agents with at most one source share: the loop of Algorithm 1."""
 
 Q_LEARNING = Agent("q_learning", "Q-learning without transfer", QLearning, None, LEARNER, usual=True, look="grey")
 

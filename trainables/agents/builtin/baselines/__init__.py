@@ -1,1 +1,1 @@
-"""Deep agents to compare the paper's with, a file each: what the literature does with a source, and ablations."""
+"""Deep baselines, one module each: other uses of a source from the literature, and ablations."""

@@ -1,4 +1,4 @@
-"""Ablations of Algorithm 2: the size of its factor, without what the factor says of a state."""
+"""Ablations of Algorithm 2: factors of the same size that do not depend on the state."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from trainables.agents.plots import ADVICE_FACTOR, DELTA_P90, KAPPA
 
 
 class ConstantShaping(DeltaShaping):
-    """delta_es with one factor for all states, the mean of what the states have there; an ablation."""
+    """delta_es with one factor for all states, the mean of their factors; an ablation."""
 
     advice: ClassVar[Any] = "trainables.learners.baselines.ablations:ConstantFactor"
     unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
 
 
 class ShuffledShaping(DeltaShaping):
-    """delta_es with the factor of another state, drawn at random; an ablation."""
+    """delta_es with the factor of another, random state; an ablation."""
 
     advice: ClassVar[Any] = "trainables.learners.baselines.ablations:ShuffledFactor"
     unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})

@@ -13,8 +13,8 @@ from trainables.agents.plots import KNOWN
 
 
 class GatedInit(DQN):
-    """The source's values where the target is not yet known, and Q's the more often it was there (after DQInit, arXiv
-    2508.09277, which takes the transferred values from tables of solved tasks; here they are Q_src's).
+    """A mixture of the source's values with Q, whose share grows with the visits to a state (after DQInit, arXiv
+    2508.09277, which transfers the values of tables of solved tasks; here they are those of Q_src).
     """
 
     advice: ClassVar[Any] = "trainables.learners.baselines.gated_init:GatedInit"
@@ -22,7 +22,7 @@ class GatedInit(DQN):
     bins: Annotated[int, Field(ge=2)] = 4
     """Bins of each input, by its quantiles on the source task."""
     known_after: Count = 20
-    """Visits to a bin until the source counts for nothing there."""
+    """Visits after which a bin uses Q alone."""
 
 
 DQINIT = Agent(

@@ -11,7 +11,7 @@ from trainables.agents.plots import GUIDE_STEPS, KAPPA
 
 
 class Annealed(DQN):
-    """What the agents have whose use of the source fades as the advice of es does."""
+    """Hyperparameters of agents whose use of the source fades like the advice of es."""
 
     advice_fraction: Rate = 0.25
     """C = 1 / (advice_fraction T): the share of T, the source run's steps, until kappa is 0 (eq. 6)."""
@@ -21,8 +21,8 @@ class JumpStart(Annealed):
     """The source acts in the first h steps of an episode (Uchendu et al., "Jump-Start Reinforcement Learning", arXiv
     2204.02372).
 
-    h = kappa H, with H the mean length of the source's own episodes on the target task. The paper's curriculum lowers h
-    by the agent's returns; here it falls at the pace of es's advice, so that both end after the same step.
+    h = kappa H, where H is the mean length of the source's episodes on the target task. The cited curriculum lowers h
+    by the agent's returns; here h falls with the advice of es, so that both end after the same step.
     """
 
     advice: ClassVar[Any] = "trainables.learners.baselines.jump_start:JumpStart"

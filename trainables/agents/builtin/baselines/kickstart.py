@@ -20,9 +20,9 @@ class Kickstart(Annealed):
     advice: ClassVar[Any] = "trainables.learners.baselines.kickstart:Kickstart"
 
     weight: NonNegative = 1.0
-    """Of the distance, beside the TD loss; it fades with kappa."""
+    """Weight of the distance relative to the TD loss; it fades with kappa."""
     temperature: Positive = 1.0
-    """Of both softmaxes, in units of the return."""
+    """Temperature of both softmaxes, in units of the return."""
 
 
 KICKSTART = Agent(

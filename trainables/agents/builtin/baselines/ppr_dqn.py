@@ -13,7 +13,7 @@ from trainables.agents.plots import PSI
 class DeepPolicyReuse(DQN):
     """PPR for networks: each step takes the source's action with probability psi (Fernandez and Veloso,
     "Probabilistic Policy Reuse in a Reinforcement Learning Agent", AAMAS 2006), with psi and nu of the paper's
-    Appendix C, as `ppr` has them for tables.
+    Appendix C like the tabular `ppr`.
     """
 
     advice: ClassVar[Any] = "trainables.learners.baselines.policy_reuse:PolicyReuse"

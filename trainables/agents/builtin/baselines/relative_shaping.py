@@ -1,4 +1,4 @@
-"""Algorithm 2 with a factor that has no unit."""
+"""Algorithm 2 with a dimensionless factor."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from trainables.agents.plots import DELTA_FACTOR, DELTA_P90, KAPPA
 
 
 class RelativeShaping(DeltaShaping):
-    """delta_es with a factor without a unit; beyond the paper.
+    """delta_es with a dimensionless factor; beyond the paper.
 
-    The paper's exp(-max |delta|) changes with the unit of the rewards, and what the source errs by on its own task
-    counts as a difference of the tasks. Here that error is taken off, and the rest is divided by the range of A_src.
+    The paper's exp(-max |delta|) depends on the unit of the rewards, and counts the source's error on its own task as a
+    difference between the tasks. Here that error is subtracted, and the rest divided by the range of A_src.
     """
 
     advice: ClassVar[Any] = "trainables.learners.baselines.relative:RelativeDelta"
     unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
 
     floor: Literal["quantile", "state"] = "quantile"
-    """What is taken off: the 90 % quantile of delta's size on the source's own task, or that delta, state by state."""
+    """What is subtracted: the 90 % quantile of |delta| on the source's own task, or that delta in each state."""
     floor_updates: Count = 2000
-    """Minibatches that the delta of the source's own task is trained with, before the first episode."""
+    """Minibatches for training delta on the source's own task, before the first episode."""
 
 
 RELATIVE_ES = Agent(

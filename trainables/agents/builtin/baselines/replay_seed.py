@@ -13,15 +13,15 @@ from trainables.agents.plots import KAPPA
 
 class ReplaySeed(Annealed):
     """DQN with half of each minibatch from prior data (Ball et al., "Efficient Online Reinforcement Learning with
-    Offline Data", arXiv 2302.02948): the source's transitions on its own task, as they are, until kappa is 0.
+    Offline Data", arXiv 2302.02948): uncorrected transitions of the source on its own task, until kappa is 0.
     """
 
     advice: ClassVar[Any] = "trainables.learners.baselines.source_replay:SourceReplay"
 
     source_transitions: Count = 10_000
-    """Transitions on the source task, played before training; no step of the target task is spent on them."""
+    """Transitions collected on the source task before training; they take no step on the target task."""
     source_epsilon: Probability = 0.1
-    """Exploration of the source's policy there."""
+    """epsilon of the source's policy there."""
 
 
 REPLAY_SEED = Agent(

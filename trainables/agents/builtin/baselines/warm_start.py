@@ -1,4 +1,4 @@
-"""A warm start: the source's weights, from which Q learns on."""
+"""A warm start: Q begins with the source's weights."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ class WarmStart(DQN):
     """DQN that begins with the source's weights (Sabatelli and Geurts, "On the Transferability of Deep-Q Networks",
     arXiv 2110.02639).
 
-    Its exploration is warmed up again, but briefly: what the source knows would else be unlearned under random actions.
+    Its exploration is short: under many random actions it would unlearn what the source knows.
     """
 
     advice: ClassVar[Any] = "trainables.learners.baselines.warm_start:WarmStart"
 
     last_layer: Literal["source", "fresh"] = "source"
-    """Whether the last layer too begins with the source's weights, or anew."""
+    """Whether the last layer begins with the source's weights too, or with new random ones."""
     warm_epsilon: Probability = 0.3
     """epsilon at the start, in place of epsilon_start."""
     warm_decay_share: Rate = 0.1
@@ -27,7 +27,7 @@ class WarmStart(DQN):
 
     @property
     def epsilon_schedule(self) -> tuple[float, float]:
-        """Epsilon at the start, and its decay."""
+        """Return (epsilon at the start, its decay)."""
         return self.warm_epsilon, self.warm_decay_share * self.epsilon_decay
 
 
