@@ -96,8 +96,8 @@ def test_continuous_actions_of_a_custom_task_are_cut_into_levels() -> None:
     ("features", "more", "says"),
     [
         (("mass",), {}, r"Walk cannot be called with the features mass: got an unexpected"),
-        (("wind", "wind"), {}, "the feature 'wind' is a name already taken"),
-        (("limit",), {"limit": 5}, "the feature 'limit' is a name already taken"),
+        (("wind", "wind"), {}, "the name 'wind' of a feature is already taken"),
+        (("limit",), {"limit": 5}, "the name 'limit' of a feature is already taken"),
     ],
 )
 def test_features_that_do_not_fit_are_refused_when_the_task_is_made(
