@@ -1,0 +1,1 @@
+"""docs/reproduction.md, written from the published dataset: `python -m benchmarks.reproduction`."""

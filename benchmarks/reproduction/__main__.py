@@ -1,0 +1,72 @@
+"""Write docs/reproduction.md and its figures from the published dataset."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import jinja2
+
+from benchmarks.reproduction import figures, tables
+from benchmarks.reproduction.claims import DEMANDS, MARGIN
+from benchmarks.reproduction.curves import Curves
+from benchmarks.reproduction.verdicts import findings
+from orchestrator.analysis import statistics
+from orchestrator.dataset.dataset import Dataset
+
+PAIRS = (
+    *(
+        ("windy_gridworld", f"windy_gridworld:wind={wind}")
+        for wind in ("small", "additional_1", "additional_2", "reversed")
+    ),
+    *(("supply_chain", demand) for demand in DEMANDS),
+)
+
+
+def page(dataset: Dataset) -> str:
+    """Return the page."""
+    curves = Curves(dataset)
+    found = findings(curves)
+    similar = figures.similarities(curves)
+    correlation = (
+        statistics.rank_correlation(list(similar["delta"]), list(similar["ratio"])) if len(similar) > 2 else None
+    )
+    return jinja2.Template((Path(__file__).parent / "page.md.j2").read_text(), keep_trailing_newline=True).render(
+        cells=f"{dataset.cells['cell_id'].nunique():,}",
+        hours=f"{dataset.cells.drop_duplicates('cell_id')['seconds'].sum() / 3600:.1f}",
+        margin=f"{MARGIN:.0%}",
+        comparisons=sum(finding.p is not None for _, all_of in found for finding in all_of),
+        table_1=tables.table_1(curves),
+        progress=tables.progress(curves),
+        early=tables.early(curves),
+        sentences=tables.sentences(found),
+        verdicts=tables.verdicts(found),
+        theorems=tables.theorems(PAIRS),
+        figure1=_similarity(correlation, len(similar)),
+        tabular=tables.tabular(curves),
+    )
+
+
+def _similarity(correlation: statistics.Estimate | None, targets: int) -> str:
+    if correlation is None:
+        return ""
+    return (
+        f"Over {targets} targets the rank correlation of the exact max |delta| with the transfer ratio of reuse is "
+        f"{correlation.value:+.2f}: reuse helps where max |delta| is small and hurts where it is large."
+    )
+
+
+def main() -> None:
+    """Write the page and its figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--dataset", type=Path, default=Path("docs/dataset"))
+    parser.add_argument("--docs", type=Path, default=Path("docs"), help="the folder of reproduction.md")
+    arguments = parser.parse_args()
+    dataset = Dataset(arguments.dataset)
+    (arguments.docs / "reproduction.md").write_text(page(dataset))
+    figures.draw(Curves(dataset), arguments.docs / "images" / "reproduction")
+    print(arguments.docs / "reproduction.md")
+
+
+if __name__ == "__main__":
+    main()

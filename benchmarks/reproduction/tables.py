@@ -1,0 +1,169 @@
+"""The tables of docs/reproduction.md, as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from benchmarks.reproduction.claims import DEMANDS, DQN, MARGIN, REVERSED, SMALL, Arm, Claim, Q
+from benchmarks.reproduction.curves import Curves
+from benchmarks.reproduction.verdicts import Finding
+from orchestrator.analysis import statistics
+from orchestrator.analysis.paper_table1 import AGENTS, TABLE_1
+from orchestrator.analysis.statistics import Estimate
+from trainables.delta.bounds import bounds
+from trainables.tasks.registry import parse_task
+
+ROWS = (*TABLE_1, "lunar_lander:mass=1.5")
+"""The eight targets of Table 1, and the one that the appendix names beside them."""
+
+PLANNED = {"cartpole": 20, "acrobot": 5, "lunar_lander": 5, "reacher": 5}
+"""Seeds that this page is to have, by task."""
+
+OTHERS = ("warm_start",)
+"""Agents beside the paper's that every row has."""
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table."""
+    lines = [list(head), ["---"] * len(head), *([str(value) for value in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def interval(estimate: Estimate | None, digits: int = 1) -> str:
+    """Return '+5.1 [-2.0, +12.2]'; '-' for none."""
+    if estimate is None:
+        return "-"
+    ends = "" if estimate.low is None else f" [{estimate.low:+.{digits}f}, {estimate.high:+.{digits}f}]"
+    return f"{estimate.value:+.{digits}f}{ends}"
+
+
+def table_1(curves: Curves) -> str:
+    """Return Table 1: AUC of each agent, its transfer ratio and its difference from dqn, beside the paper's."""
+    rows = [row for target in ROWS for row in _rows(curves, target)]
+    head = ("target", "agent", "seeds", "sources", "AUC (sd)", "transfer ratio [95 %]", "difference [95 %]", "paper")
+    return markdown(head, rows)
+
+
+def _rows(curves: Curves, target: str) -> Iterable[Sequence[object]]:
+    for agent in (*AGENTS, *OTHERS):
+        arm = Arm(agent)
+        cells = curves.best(target, arm)
+        paper = TABLE_1[target][AGENTS.index(agent)] if target in TABLE_1 and agent in AGENTS else "-"
+        if cells.empty:
+            yield target, agent, 0, "-", "not run", "-", "-", paper
+            continue
+        aucs = list(cells["auc"])
+        digits = 2 if abs(statistics.mean(aucs).value) < 10 else 1
+        said = f"{statistics.mean(aucs).value:.{digits}f} ({statistics.sd(aucs):.{digits}f})"
+        sources = cells["source_cell"].nunique() or "-"
+        if agent == DQN.agent:
+            yield target, agent, len(aucs), sources, said, "-", "-", paper
+            continue
+        first, base = curves.paired(target, arm, DQN)
+        gap = statistics.difference(first, base) if len(first) > 1 else None
+        yield target, agent, len(aucs), sources, said, _ratio(first, base), interval(gap, digits), paper
+
+
+def _ratio(first: list[float], base: list[float]) -> str:
+    if len(first) < 2:
+        return "-"
+    found = statistics.transfer_ratio(first, base)
+    if found.value is None:
+        return "undefined"
+    percent = Estimate(*(None if end is None else 100 * end for end in (found.value, found.low, found.high)))  # type: ignore[arg-type]
+    return interval(percent, 0) + " %"
+
+
+def early(curves: Curves) -> str:
+    """Return the AUC of the first tenth of the training, and its difference from dqn; empty where nothing was run."""
+    rows = []
+    for target in ROWS:
+        for agent in (*AGENTS[1:], *OTHERS):
+            first, base = curves.paired(target, Arm(agent), DQN, "first_tenth")
+            if len(first) > 1:
+                digits = 2 if abs(statistics.mean(base).value) < 10 else 1
+                means = (f"{statistics.mean(side).value:.{digits}f}" for side in (base, first))
+                rows.append((target, agent, len(first), *means, interval(statistics.difference(first, base), digits)))
+    return markdown(("target", "agent", "seeds", "dqn", "agent's", "difference [95 %]"), rows) if rows else ""
+
+
+def tabular(curves: Curves) -> str:
+    """Return AUC and difference from Q-learning of the tabular agents, each at its best configuration."""
+    rows = []
+    for target in (SMALL, REVERSED, *DEMANDS):
+        for agent in ("q_learning", "policy_reuse", "ppr", "delta_gate", "confidence_gate", "q_warm_start"):
+            cells = curves.best(target, Arm(agent))
+            if cells.empty:
+                continue
+            aucs = list(cells["auc"])
+            first, base = curves.paired(target, Arm(agent), Q)
+            gap = interval(statistics.difference(first, base)) if agent != Q.agent and len(first) > 1 else "-"
+            rows.append(
+                (target, agent, len(aucs), f"{statistics.mean(aucs).value:.1f} ({statistics.sd(aucs):.1f})", gap)
+            )
+    return markdown(("target", "agent", "seeds", "AUC (sd)", "difference from q_learning [95 %]"), rows)
+
+
+def verdicts(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
+    """Return a row per comparison of each claim."""
+    rows = []
+    for claim, findings in found:
+        for number, finding in enumerate(findings):
+            part = finding.comparison
+            sign = ">" if part.kind == "above" else "≥"
+            what = " in the first tenth" if part.column == "first_tenth" else ""
+            rows.append(
+                (
+                    f"*{claim.name}*" if number == 0 else "",
+                    f"{part.better} {sign} {part.worse}{what}",
+                    part.target,
+                    finding.seeds,
+                    interval(finding.difference, 2 if abs(finding.base) < 10 else 1),
+                    _p(finding.p),
+                    _p(finding.corrected),
+                    finding.verdict,
+                )
+            )
+    head = ("claim", "comparison", "target", "seeds", "difference [95 %]", "p", "p, Holm", "verdict")
+    return markdown(head, rows)
+
+
+def _p(value: float | None) -> str:
+    return "-" if value is None else "< .001" if value < 0.001 else f"{value:.3f}"
+
+
+def sentences(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
+    """Return each claim with a summary of its verdicts."""
+    rows = []
+    for claim, findings in found:
+        verdicts_ = [finding.verdict for finding in findings]
+        counted = ", ".join(f"{verdicts_.count(word)} {word}" for word in dict.fromkeys(verdicts_))
+        rows.append((f"*{claim.name}*", f"{claim.sentence} ({claim.where})", counted))
+    return markdown(
+        ("claim", "the paper says", f"of its comparisons (margin {MARGIN:.0%} where it says no worse)"), rows
+    )
+
+
+def theorems(pairs: Sequence[tuple[str, str]]) -> str:
+    """Return Theorem 1's quantities for each (source, target)."""
+    rows = []
+    for source, target in pairs:
+        found = bounds(parse_task(source), parse_task(target))
+        numbers = (found.max_abs_delta, found.task_distance, found.theorem1_bound, found.v_source, found.v_target)
+        holds = "yes" if found.theorem1_holds and found.theorem3_holds else "NO"
+        rows.append((target, *(f"{number:.2f}" for number in numbers), holds))
+    head = ("target", "max \\|delta\\|", "distance", "Theorem 1's bound", "V\\*_src(s0)", "V\\*_trg(s0)", "both hold")
+    return markdown(head, rows)
+
+
+def progress(curves: Curves) -> str:
+    """Return which rows of Table 1 are finished, and the command that continues each task."""
+    rows = []
+    for task, seeds in PLANNED.items():
+        targets = [target for target in ROWS if target.startswith(f"{task}:")]
+        arms = [(target, Arm(agent)) for target in targets for agent in (*AGENTS, *OTHERS)]
+        done = sum(min(len(curves.best(target, arm)), seeds) for target, arm in arms)
+        name = f"table1-{task.replace('_', '-')}"
+        command = f"`deltatune sweep reproduction --tasks {task} --seeds {seeds} --name {name}`"
+        rows.append((task, f"{done} of {len(arms) * seeds}", command))
+    return markdown(("task", "cells of Table 1", "the command that continues"), rows)

@@ -1,0 +1,85 @@
+"""A verdict on every comparison of every claim, corrected for how many there are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.reproduction.claims import CLAIMS, MARGIN, Claim, Comparison
+from benchmarks.reproduction.curves import Curves
+from orchestrator.analysis import statistics
+from orchestrator.analysis.statistics import Estimate
+
+ALPHA = 1 - statistics.LEVEL
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the published cells say of one comparison."""
+
+    comparison: Comparison
+    seeds: int
+    difference: Estimate | None
+    """First minus second, paired by seed; None where there are fewer than two seeds."""
+    base: float
+    """Mean of the second."""
+    p: float | None
+    """Two-sided, of Student's paired test of no difference; for 'no worse' the one-sided one of a loss of MARGIN."""
+    corrected: float | None = None
+    """After Holm, over all comparisons that were run."""
+
+    @property
+    def verdict(self) -> str:
+        """Confirmed, confirmed before correction only, contradicted, undecided, or not run."""
+        if self.difference is None or self.p is None or self.corrected is None:
+            return "not run"
+        above = self.difference.value > 0
+        if self.comparison.kind == "no worse":
+            if self.p < ALPHA:
+                return "confirmed" if self.corrected < ALPHA else "confirmed before correction only"
+            return "contradicted before correction" if (self.difference.high or 0) < 0 else "undecided"
+        word = "confirmed" if above else "contradicted"
+        if self.corrected < ALPHA:
+            return word
+        return f"{word} before correction only" if self.p < ALPHA else "undecided"
+
+
+def findings(curves: Curves, claims: Sequence[Claim] = CLAIMS) -> list[tuple[Claim, list[Finding]]]:
+    """Return each claim with its findings, p-values corrected over all of them."""
+    plain = [(claim, [_find(curves, part) for part in claim.parts]) for claim in claims]
+    run = [finding.p for _, found in plain for finding in found if finding.p is not None]
+    corrected = iter(holm(run))
+    return [
+        (claim, [replace(f, corrected=next(corrected)) if f.p is not None else f for f in found])
+        for claim, found in plain
+    ]
+
+
+def _find(curves: Curves, part: Comparison) -> Finding:
+    first, second = curves.paired(part.target, part.better, part.worse, part.column)
+    if len(first) < 2:
+        return Finding(part, len(first), None, float("nan"), None)
+    difference, base = statistics.difference(first, second), float(np.mean(second))
+    gaps = np.asarray(first) - np.asarray(second)
+    p = _p(gaps + MARGIN * abs(base), "greater") if part.kind == "no worse" else _p(gaps, "two-sided")
+    return Finding(part, len(first), difference, base, p)
+
+
+def _p(gaps: np.ndarray, alternative: str) -> float:
+    """Return Student's p-value that the mean of `gaps` is 0; 1 where all of them are 0."""
+    if np.ptp(gaps) == 0:
+        zero = gaps[0] == 0 or (alternative == "greater" and gaps[0] < 0)
+        return 1.0 if zero else 0.0
+    return float(stats.ttest_1samp(gaps, 0.0, alternative=alternative).pvalue)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return Holm's step-down p-values, in the order given."""
+    order = np.argsort(p_values)
+    steps = np.asarray(p_values)[order] * (len(p_values) - np.arange(len(p_values)))
+    corrected = np.empty(len(p_values))
+    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return [float(value) for value in corrected]
