@@ -31,11 +31,13 @@ def page(dataset: Dataset) -> str:
     correlation = (
         statistics.rank_correlation(list(similar["delta"]), list(similar["ratio"])) if len(similar) > 2 else None
     )
-    return jinja2.Template((Path(__file__).parent / "page.md.j2").read_text(), keep_trailing_newline=True).render(
+    return jinja2.Template(
+        (Path(__file__).parent / "page.md.j2").read_text(), keep_trailing_newline=True, trim_blocks=True
+    ).render(
         cells=f"{dataset.cells['cell_id'].nunique():,}",
         hours=f"{dataset.cells.drop_duplicates('cell_id')['seconds'].sum() / 3600:.1f}",
         margin=f"{MARGIN:.0%}",
-        comparisons=sum(finding.p is not None for _, all_of in found for finding in all_of),
+        comparisons=len({each.comparison for _, all_of in found for each in all_of if each.p is not None}),
         table_1=tables.table_1(curves),
         progress=tables.progress(curves),
         early=tables.early(curves),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 
@@ -12,11 +11,12 @@ class Arm:
     """An agent as a claim means it; of several configurations that fit, the one with the best mean AUC."""
 
     agent: str
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: tuple[tuple[str, Any], ...] = ()
+    """Hyperparameters that it has, as pairs of name and value."""
 
     def __str__(self) -> str:
         """'delta_gate (threshold=10)'."""
-        said = ", ".join(f"{name}={value}" for name, value in self.settings.items())
+        said = ", ".join(f"{name}={value}" for name, value in self.settings)
         return f"{self.agent} ({said})" if said else self.agent
 
 
@@ -49,7 +49,7 @@ MARGIN = 0.05
 
 DQN, ES, DELTA_ES = Arm("dqn"), Arm("es"), Arm("delta_es")
 Q, PPR, REUSE = Arm("q_learning"), Arm("ppr"), Arm("policy_reuse")
-GATE, SUPPLY_GATE = Arm("delta_gate", {"threshold": 10.0}), Arm("delta_gate", {"threshold": 5.0})
+GATE, SUPPLY_GATE = (Arm("delta_gate", (("threshold", at),)) for at in (10.0, 5.0))
 
 WIND = "windy_gridworld:wind="
 SMALL, REVERSED = f"{WIND}small", f"{WIND}reversed"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import pandas as pd
@@ -36,7 +36,7 @@ class Curves:
         """Return the cells of every configuration of an arm on a target, by group, each seed once."""
         cells = self._cells
         here = cells[(cells["task"] == parse_task(target).name) & (cells["agent"] == arm.agent)]
-        fits = here[[_fits(settings, arm.settings) for settings in here["settings"]]]
+        fits = here[here["settings"].map(lambda settings: _fits(settings, arm.settings)).astype(bool)]
         return {str(group): rows.drop_duplicates("seed") for group, rows in fits.groupby("group")}
 
     def best(self, target: str, arm: Arm) -> pd.DataFrame:
@@ -52,5 +52,5 @@ class Curves:
         return list(one.loc[seeds, column]), list(other.loc[seeds, column])
 
 
-def _fits(settings: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
-    return all(settings.get(name) == value for name, value in wanted.items())
+def _fits(settings: Mapping[str, Any], wanted: Iterable[tuple[str, Any]]) -> bool:
+    return all(settings.get(name) == value for name, value in wanted)

@@ -15,14 +15,13 @@ from dashboards.renderers import matplotlib_renderer
 from orchestrator.analysis import statistics
 from orchestrator.analysis.paper_table1 import AGENTS
 from trainables.delta.bounds import bounds
-from trainables.tasks.registry import parse_task
 
 
 def draw(curves: Curves, folder: Path) -> list[Path]:
     """Write every figure that the published cells are there for; the files."""
     style.assign([*AGENTS, *OTHERS, "q_learning", "policy_reuse", "ppr", "delta_gate"])
     folder.mkdir(parents=True, exist_ok=True)
-    charts = [ratios(curves), similarity(curves), algorithm_1(curves)]
+    charts = [chart for chart in (ratios(curves), similarity(curves), algorithm_1(curves)) if chart.panels]
     paths = [path for chart in charts for path in matplotlib_renderer.draw(chart, "reproduction", folder)]
     for path in paths:
         if path.suffix == ".svg":
@@ -86,7 +85,7 @@ def similarities(curves: Curves) -> pd.DataFrame:
         if len(first) < 2:
             continue
         ratio = statistics.transfer_ratio(first, base)
-        delta = bounds(parse_task("windy_gridworld"), parse_task(target)).max_abs_delta
+        delta = bounds("windy_gridworld", target).max_abs_delta
         ends = (100 * (end or 0.0) for end in (ratio.value, ratio.low, ratio.high))
         rows.append((wind or "the source", delta, *ends))
     return pd.DataFrame(rows, columns=["name", "delta", "ratio", "low", "high"])

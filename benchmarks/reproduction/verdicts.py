@@ -48,14 +48,11 @@ class Finding:
 
 
 def findings(curves: Curves, claims: Sequence[Claim] = CLAIMS) -> list[tuple[Claim, list[Finding]]]:
-    """Return each claim with its findings, p-values corrected over all of them."""
-    plain = [(claim, [_find(curves, part) for part in claim.parts]) for claim in claims]
-    run = [finding.p for _, found in plain for finding in found if finding.p is not None]
-    corrected = iter(holm(run))
-    return [
-        (claim, [replace(f, corrected=next(corrected)) if f.p is not None else f for f in found])
-        for claim, found in plain
-    ]
+    """Return each claim with its findings, p-values corrected over all; one that two claims share counts once."""
+    plain = {part: _find(curves, part) for claim in claims for part in claim.parts}
+    run = [part for part, finding in plain.items() if finding.p is not None]
+    corrected = dict(zip(run, holm([plain[part].p or 0.0 for part in run]), strict=True))
+    return [(claim, [replace(plain[part], corrected=corrected.get(part)) for part in claim.parts]) for claim in claims]
 
 
 def _find(curves: Curves, part: Comparison) -> Finding:

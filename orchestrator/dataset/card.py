@@ -32,21 +32,20 @@ COLUMNS = {
         "columns": "JSON: the curve's columns and their types",
         "cell": "JSON: the whole cell, all hyperparameters in it",
     },
-    "`points.parquet`: one row per cell and greedy evaluation": {
+    "`points/SWEEP.parquet`: one row per cell and greedy evaluation": {
         "cell_id": "the cell",
         "episode, step": "training episodes and steps so far",
         "greedy_return": "undiscounted return of the greedy policy",
         "discounted_return": "the same, discounted",
         "training_return": "mean return of the training episodes since the last point",
-        "seconds": "seconds since the cell began, to 7 digits",
         "all others": "statistics of the agent; empty where it has none of that name",
     },
 }
 
 
-def card(cells: pd.DataFrame, points: pd.DataFrame, remarks: str = "") -> str:
-    """Return the data card of the two tables; `remarks` is Markdown that follows the first paragraph."""
-    done = f"{len(cells)} cells of {cells['sweep'].nunique()} sweeps, {len(points):,} evaluation points"
+def card(cells: pd.DataFrame, remarks: str = "") -> str:
+    """Return the data card of the published cells; `remarks` is Markdown that follows the first paragraph."""
+    done = f"{len(cells):,} cells of {cells['sweep'].nunique()} sweeps"
     hours = cells.drop_duplicates("cell_id")["seconds"].sum() / 3600
     first = f"# Data card\n\nTransfer experiments made with deltatune: {done}, {hours:.1f} core-hours of training."
     parts = [

@@ -1,10 +1,10 @@
-"""A published dataset: cells.parquet, points.parquet, the search spaces, a data card, a licence and checksums."""
+"""A published dataset: cells.parquet, points/SWEEP.parquet, the search spaces, a data card, a licence, checksums."""
 
 from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -19,7 +19,7 @@ from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError, unknown
 
-CELLS, POINTS, SPACES, SUMS = "cells.parquet", "points.parquet", "spaces", "SHA256SUMS"
+CELLS, POINTS, SPACES, SUMS = "cells.parquet", "points", "spaces", "SHA256SUMS"
 
 LINE = re.compile(r"([0-9a-f]{64})  ([A-Za-z0-9_./-]+)")
 """A line of SHA256SUMS, as `sha256sum -c` reads it."""
@@ -38,7 +38,7 @@ class Dataset:
         except OSError:
             raise InputError(f"{self.folder} is not a dataset: it has no {SUMS}") from None
         sums = {found[2]: found[1] for line in lines if (found := LINE.fullmatch(line))}
-        for name in {CELLS, POINTS, *sums}:
+        for name in {CELLS, *sums}:
             if sums.get(name) != checked_json.digest(self.folder / name):
                 raise InputError(f"{self.folder / name} is missing or damaged: its checksum is not that of {SUMS}")
 
@@ -47,10 +47,16 @@ class Dataset:
         """The cells table: one row per sweep and cell."""
         return read_table(self.folder / CELLS)
 
-    def points(self, cell_ids: list[str] | None = None) -> pd.DataFrame:
+    def points(self, cell_ids: Collection[str] | None = None) -> pd.DataFrame:
         """Return the curves, or those of `cell_ids`: one row per cell and evaluation point, in order."""
-        filters = None if cell_ids is None else [("cell_id", "in", cell_ids)]
-        return pd.read_parquet(self.folder / POINTS, filters=filters)
+        cells = self.cells.drop_duplicates("cell_id")
+        wanted = cells if cell_ids is None else cells[cells["cell_id"].isin(cell_ids)]
+        frames = [self._points(str(sweep), set(rows["cell_id"])) for sweep, rows in wanted.groupby("sweep")]
+        return pd.concat(frames, ignore_index=True).sort_values(["cell_id", "episode"], ignore_index=True)
+
+    def _points(self, sweep: str, cell_ids: set[str]) -> pd.DataFrame:
+        path = self.folder / POINTS / f"{sweep}.parquet"
+        return pd.read_parquet(path, filters=[("cell_id", "in", cell_ids)])
 
     def sweeps(self) -> list[str]:
         """Return the names of the sweeps in it."""
@@ -73,7 +79,7 @@ class Dataset:
     def records(self, sweep: str) -> Iterator[Record]:
         """Yield the records of a sweep."""
         rows = self.cells[self.cells["sweep"] == sweep]
-        points = dict(iter(self.points(list(rows["cell_id"])).groupby("cell_id", sort=False)))
+        points = dict(iter(self._points(sweep, set(rows["cell_id"])).groupby("cell_id", sort=False)))
         for _, row in rows.iterrows():
             yield record_of(row, points[row["cell_id"]])
 

@@ -34,19 +34,22 @@ def write(folder: Path, sweeps: Sequence[Results], remarks: str = "") -> Dataset
     frames = {results.name: _frames(results) for results in sweeps}
     kept = before.cells[~before.cells["sweep"].isin(list(frames))] if before else pd.DataFrame()
     cells = _joined([kept, *(cells for cells, _ in frames.values())]).sort_values(["sweep", "cell_id"])
-    old = [before.points(list(kept["cell_id"]))] if before and len(kept) else []
-    points = _joined([*old, *(points for _, points in frames.values())])
-    points = points.drop_duplicates(["cell_id", "episode"]).sort_values(["cell_id", "episode"])
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".dataset-") as made:
         new = Path(made)
-        _put(new, cells, points, before)
+        if before:
+            for name in (POINTS, SPACES):
+                shutil.copytree(folder / name, new / name)
+        pq.write_table(pa.Table.from_pandas(cells, preserve_index=False), new / CELLS, compression="zstd")
         for results in sweeps:
+            _put_points(make_folder(new / POINTS) / f"{results.name}.parquet", frames[results.name][1])
             space = {"schema": 1, "space": results.space().to_json()}
             checked_json.write(make_folder(new / SPACES) / f"{results.name}.json", space, indent=1)
-        (new / "README.md").write_text(card(cells, points, remarks))
+        (new / "LICENSE").write_text(LICENCE)
+        (new / "README.md").write_text(card(cells, remarks))
         _seal(new)
         Dataset(new)
-        shutil.copytree(new, folder, dirs_exist_ok=True)
+        for path in sorted(path for path in new.rglob("*") if path.is_file()):
+            shutil.copyfile(path, make_folder((folder / path.relative_to(new)).parent) / path.name)
     return Dataset(folder)
 
 
@@ -66,21 +69,17 @@ def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return joined
 
 
-def _put(folder: Path, cells: pd.DataFrame, points: pd.DataFrame, before: Dataset | None) -> None:
-    """Write the tables, the licence, and the search spaces of the sweeps that stay."""
-    floats = [name for name in points.columns if name not in ("cell_id", *WHOLE)]
+def _put_points(path: Path, points: pd.DataFrame) -> None:
+    """Write the curves of a sweep, sorted and small."""
+    ordered = points.sort_values(["cell_id", "episode"])
     pq.write_table(
-        pa.Table.from_pandas(points, preserve_index=False),
-        folder / POINTS,
+        pa.Table.from_pandas(ordered, preserve_index=False),
+        path,
         compression="zstd",
         compression_level=15,
-        use_dictionary=["cell_id", *floats],
+        use_dictionary=[name for name in points.columns if name not in WHOLE],
         row_group_size=50_000,
     )
-    pq.write_table(pa.Table.from_pandas(cells, preserve_index=False), folder / CELLS, compression="zstd")
-    if before and (before.folder / SPACES).is_dir():
-        shutil.copytree(before.folder / SPACES, folder / SPACES)
-    (folder / "LICENSE").write_text(LICENCE)
 
 
 def _seal(folder: Path) -> None:

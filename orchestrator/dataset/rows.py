@@ -40,7 +40,11 @@ def cell_row(sweep: str, record: Record) -> dict[str, Any]:
     row |= {name: value for name, value in record.head.summary.items() if not name.startswith(("final_", "steps_per"))}
     row |= {"seconds": record.seconds, "finished": record.finished, "commit": record.commit, "digest": record.digest}
     row |= {"versions": json.dumps(record.versions, sort_keys=True)}
-    row |= {"columns": json.dumps({name: _kind(name, values) for name, values in record.points.items()})}
+    row |= {
+        "columns": json.dumps(
+            {name: _kind(name, values) for name, values in record.points.items() if name != "seconds"}
+        )
+    }
     return row | {"cell": json.dumps(cell.to_json(), sort_keys=True)}
 
 
@@ -53,23 +57,25 @@ def _kind(name: str, values: Sequence[float | int | None]) -> str:
 
 
 def point_rows(record: Record) -> pd.DataFrame:
-    """Return the curve as a table, one row per evaluation point, with the cell's id first."""
-    table = pd.DataFrame({name: pd.Series(values, dtype=_dtype(name)) for name, values in record.points.items()})
+    """Return the curve as a table, one row per evaluation point, with the cell's id first and without its seconds."""
+    columns = {name: values for name, values in record.points.items() if name != "seconds"}
+    table = pd.DataFrame({name: pd.Series(values, dtype=_dtype(name)) for name, values in columns.items()})
     table.insert(0, "cell_id", record.cell.id)
     return table
 
 
 def _dtype(name: str) -> str:
-    return "int64" if name in WHOLE else "float32" if name == "seconds" else "float64"
+    return "int64" if name in WHOLE else "float64"
 
 
 def record_of(row: pd.Series, points: pd.DataFrame) -> Record:
-    """Return the record that `row` and its cell's `points` were made of; its curve's seconds to 7 digits.
+    """Return the record that `row` and its cell's `points` were made of, its seconds spread evenly over the curve.
 
     Raises InputError where they are not what was published, or their agent or task is not known here.
     """
     kinds = json.loads(row["columns"])
     table = {name: _column(points[name], kind) for name, kind in kinds.items() if name in points}
+    table["seconds"] = [float(row["seconds"]) * part / max(1, len(points) - 1) for part in range(len(points))]
     fields = {
         "cell": Cell.from_json(json.loads(row["cell"])),
         "status": "done",

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from orchestrator.dataset.dataset import CELLS, POINTS, SUMS, Dataset
+from orchestrator.dataset.dataset import CELLS, SUMS, Dataset
 from orchestrator.dataset.publication import write
 from orchestrator.dataset.rows import cell_row, point_rows, record_of
 from orchestrator.execution.replay import replay_published
@@ -78,7 +78,7 @@ def test_the_checksums_are_those_of_sha256sum(dataset: Dataset) -> None:
     subprocess.run(["sha256sum", "--quiet", "-c", SUMS], cwd=dataset.folder, check=True)
 
 
-@pytest.mark.parametrize("name", [CELLS, POINTS, "README.md", "spaces/small.json"])
+@pytest.mark.parametrize("name", [CELLS, "points/small.parquet", "README.md", "spaces/small.json"])
 def test_a_damaged_or_missing_file_is_named(dataset: Dataset, tmp_path: Path, name: str) -> None:
     copy = tmp_path / "copy"
     for path in (path for path in dataset.folder.rglob("*") if path.is_file()):
