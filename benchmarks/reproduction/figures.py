@@ -69,7 +69,7 @@ def similarity(curves: Curves) -> Chart:
         tuple(found["ratio"]),
         (tuple(found["low"]), tuple(found["high"])),
         form="points",
-        names=tuple(found["name"]),
+        names=tuple("" if name == "small" else name for name in found["name"]),
     )
     panel = Panel("windy gridworld", "max |delta|, exact", "transfer ratio (%)", (series,), levels=(Level(0.0),))
     caption = "Transfer ratio of reusing the learned source policy against the exact max |delta|."
@@ -87,7 +87,7 @@ def similarities(curves: Curves) -> pd.DataFrame:
         ratio = statistics.transfer_ratio(first, base)
         delta = bounds("windy_gridworld", target).max_abs_delta
         ends = (100 * (end or 0.0) for end in (ratio.value, ratio.low, ratio.high))
-        rows.append((wind or "the source", delta, *ends))
+        rows.append((wind or "the source's own task", delta, *ends))
     return pd.DataFrame(rows, columns=["name", "delta", "ratio", "low", "high"])
 
 
