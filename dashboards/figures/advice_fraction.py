@@ -9,7 +9,7 @@ from dashboards.labels import by_source, heading, in_order, targets
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 
-NAME, TITLE = "advice_fraction", "How long advice should last (Figure 4)"
+NAME, TITLE = "advice_fraction", "How long advice should last"
 SHARE = "advice_fraction"
 
 
@@ -25,8 +25,8 @@ def chart(findings: Findings) -> Chart | Absent:
             if len(_shares(tried)) > 1:
                 panels.append(_panel(target, source, tried, [group for group in bases if group in here]))
     if not panels:
-        return Absent(NAME, TITLE, "No target has two advice fractions with every seed done, so there is no Figure 4.")
-    caption = "AUC, mean and sd over seeds, against the share of the source run's steps with advice (Figure 4). "
+        return Absent(NAME, TITLE, "No agent was given two advice fractions on a target, with every seed done.")
+    caption = "AUC, mean and sd over seeds, against the share of the source run's steps with advice. "
     caption += "Dashed: the agent without transfer. Of several configurations with one share, the best is shown."
     alt = f"Bars of AUC by advice fraction on {len(panels)} targets."
     return Chart(NAME, TITLE, caption, alt, tuple(panels))

@@ -45,8 +45,8 @@ def chart(findings: Findings) -> Chart | Absent:
         panels += [_panel(target, source, tuple(lines[group.id] for group in of)) for source, of in sources]
     longest = max(len(band) for band in bands.values())
     every = -(-(longest - 1) // (MAX_POINTS - 1)) if longest > MAX_POINTS else 1
-    caption = "Greedy return over training: mean and 95 % interval over seeds. Bold: each agent's best configuration; "
-    caption += f"thin: its others, where there are at most {MAX_OTHERS}. "
+    caption = "Greedy return over training: mean and 95 % interval over seeds, of each agent's best configuration. "
+    caption += f"Thin lines: others, of agents with at most {MAX_OTHERS} more. " if others else ""
     caption += (
         f"Of {longest} evaluations about every {every}th is drawn." if every > 1 else "Every evaluation is drawn."
     )

@@ -9,7 +9,7 @@ from dashboards.labels import SOURCES, count, in_order, label, minus, targets
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 
-NAME, TITLE = "forest", "Forest plot"
+NAME, TITLE = "forest", "Transfer ratios"
 
 REACH = 150.0
 """Percent. A ratio beyond it is drawn at the edge, with its number."""
@@ -37,7 +37,7 @@ def chart(findings: Findings) -> Chart | Absent:
     caption += "The best configuration of each agent and source. " if cut else "Every configuration. "
     caption += f"A ratio beyond ±{REACH:.0f} % is drawn at the edge, with its number."
     caption += f" {count(undefined, 'undefined ratio')} left out." if undefined else ""
-    alt = f"Forest plot of transfer ratios on {count(len(panels), 'target')}; the numbers are in Table 1."
+    alt = f"Forest plot of transfer ratios on {count(len(panels), 'target')}; the numbers are in the tables."
     return Chart(NAME, TITLE, caption, alt, tuple(panels))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from dashboards.figure_model import Absent
 from dashboards.report.reproduce import command, export_command, space_yaml
-from dashboards.report.summary import Summary
 from dashboards.report.tables import Table
+from dashboards.report.verdict import Verdict
 from dashboards.style import PALETTE, key, look
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
@@ -48,7 +50,7 @@ def breakable(text: str) -> Markup:
 
 def heading(text: str) -> Markup:
     """Return a column's title with a line break before its unit in brackets."""
-    return Markup(re.sub(r" (?=[\[(])", "<br>", str(escape(text))))
+    return Markup(re.sub(r" (?=[\[(])", " <br>", str(escape(text))))
 
 
 def variable(agent: str) -> str:
@@ -69,15 +71,22 @@ def _files(findings: Findings, content: Sequence[dict[str, Any]]) -> dict[str, s
     return {f"{name}-{table.id}.csv": table.csv for table in tables} | {"space.yaml": space_yaml(findings)}
 
 
-def render(
-    path: Path,
-    findings: Findings,
-    content: Sequence[dict[str, Any]],
-    specs: Sequence[dict[str, Any]],
-    stamp: Sequence[tuple[str, str]],
-    summary: Summary,
-    winners: Sequence[Group],
-) -> None:
+@dataclass(frozen=True)
+class Parts:
+    """What a page shows."""
+
+    verdict: Verdict
+    content: Sequence[dict[str, Any]]
+    """Sections with their blocks, in order."""
+    specs: Sequence[dict[str, Any]]
+    """The plots, under the numbers that the blocks give."""
+    absent: Sequence[Absent]
+    """What is not shown."""
+    origin: Sequence[tuple[str, str]]
+    winners: Sequence[Group]
+
+
+def render(path: Path, findings: Findings, parts: Parts) -> None:
     """Write the page to `path`."""
     environment = Environment(
         loader=FileSystemLoader(PAGE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
@@ -86,12 +95,10 @@ def render(
     page = environment.get_template("report.html").render(
         name=findings.results.name,
         description=findings.results.space().description,
-        stamp=stamp,
-        summary=summary,
-        content=content,
+        parts=parts,
         export=export_command(findings),
-        winners=[(group, command(findings, group)) for group in winners],
-        data={"specs": specs, "files": _files(findings, content)},
+        winners=[(group, command(findings, group)) for group in parts.winners],
+        data={"specs": parts.specs, "files": _files(findings, parts.content)},
         swatch=swatch,
         light=palette("light"),
         dark=palette("dark"),

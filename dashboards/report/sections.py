@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,10 @@ from dashboards.figures import (
 )
 from dashboards.labels import SOURCES, minus, targets
 from dashboards.renderers import plotly_renderer
-from dashboards.report.page import render
-from dashboards.report.summary import stamp, summary
+from dashboards.report.origin import origin
+from dashboards.report.page import Parts, render
 from dashboards.report.tables import Datum, Table, table_1, text_csv, unfinished
+from dashboards.report.verdict import verdict
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import settings_text
@@ -70,20 +71,31 @@ def _failed(name: str, title: str, error: Exception, missing: list[str] | None) 
     return Absent(name, title, f"It could not be drawn: {type(error).__name__}: {error}.")
 
 
-def sections(findings: Findings, drawn: list[Figure]) -> list[Section]:
-    """Return the sections in order."""
+def sections(findings: Findings, drawn: list[Figure]) -> tuple[list[Section], list[Absent]]:
+    """Return the sections that have something to show, in their order, and what is not shown with its reason."""
     of = {figure.name: figure for figure in drawn}
-    correlations = _correlations(findings)
-    return [
-        Section("table1", "Table 1", _table_lead(findings), _tables(findings)),
-        Section("matrix", "Source by target", "", (of[transfer_matrix.NAME],)),
+    planned = [
         Section("curves", "Evaluation curves", "", (of[evaluation_curves.NAME],)),
-        Section("delta", "Delta against transfer effect", _EFFECT, (of[delta_effect.NAME], *correlations)),
+        Section("results", _results_title(findings), _table_lead(findings), _tables(findings)),
+        Section("matrix", "Source by target", "", (of[transfer_matrix.NAME],)),
+        Section("forest", "Transfer ratios", "", (of[forest.NAME],)),
+        Section("delta", "Delta against transfer effect", _EFFECT, (of[delta_effect.NAME], *_correlations(findings))),
         Section("gate", "Gate and advice over time", "", (of[gate.NAME],)),
-        Section("forest", "Forest plot", "", (of[forest.NAME],)),
-        Section("hyperparameters", "Hyperparameters", "", _hyperparameters(findings, of)),
+        Section("hyperparameters", "Hyperparameters", "", (of[sensitivity.NAME], of[advice_fraction.NAME])),
         Section("cells", "Failed and missing cells", "", _cells(findings)),
     ]
+    absent = [item for section in planned for item in section.content if isinstance(item, Absent)]
+    left = [_without_absent(section) for section in planned]
+    best = bool(findings.best)
+    return [one for one in left if one.content or (one.id == "hyperparameters" and best)], absent
+
+
+def _without_absent(section: Section) -> Section:
+    return replace(section, content=tuple(item for item in section.content if not isinstance(item, Absent)))
+
+
+def _results_title(findings: Findings) -> str:
+    return "Results (Table 1)" if any(same_row(group) for group in findings.best) else "Results"
 
 
 _EFFECT = (
@@ -109,7 +121,7 @@ def _table_lead(findings: Findings) -> str:
 def _tables(findings: Findings) -> tuple[Table | Figure, ...]:
     if not findings.best:
         reason = "No configuration has every seed done yet, so there is nothing to select or to compare."
-        return (Absent("table1", "Table 1", reason),)
+        return (Absent("results", "Results", reason),)
     caption = "Best configuration of each agent"
     first = table_1(findings, findings.best, "best", caption)
     if len(findings.groups) == len(findings.best):
@@ -139,17 +151,9 @@ def _correlations(findings: Findings) -> tuple[Table | Figure, ...]:
     return (Table("rank_correlation", caption, columns, tuple(rows), text_csv(records)),) if rows else ()
 
 
-def _hyperparameters(findings: Findings, of: dict[str, Figure]) -> tuple[Table | Figure, ...]:
-    return of[sensitivity.NAME], of[advice_fraction.NAME]
-
-
-def _cells(findings: Findings) -> tuple[Table | Figure, ...]:
+def _cells(findings: Findings) -> tuple[Table, ...]:
     table = unfinished(findings.each_cell)
-    if table is not None:
-        return (table,)
-    planned = len(findings.each_cell)
-    reason = f"None: all {planned} cells are done." if planned else "The sweep has no cells yet."
-    return (Absent("unfinished", "Failed and missing cells", reason),)
+    return () if table is None else (table,)
 
 
 def winners(findings: Findings) -> list[Group]:
@@ -162,8 +166,10 @@ def winners(findings: Findings) -> list[Group]:
     return best
 
 
-def block(item: Table | Figure, specs: list[plotly_renderer.Spec], missing: list[str] | None = None) -> dict[str, Any]:
-    """Return the template's data for one table or figure; the specs of its panels are appended to `specs`."""
+def block(
+    item: Table | Figure, specs: list[plotly_renderer.Spec], first_target: str, missing: list[str] | None = None
+) -> dict[str, Any]:
+    """Return what the template needs for one table or figure; the panels' specs are added to `specs`."""
     if isinstance(item, Table):
         return {"kind": "table", "table": item}
     if isinstance(item, Absent):
@@ -176,11 +182,11 @@ def block(item: Table | Figure, specs: list[plotly_renderer.Spec], missing: list
     except Exception as error:
         del specs[first:]
         return {"kind": "absent", "figure": _failed(item.name, item.title, error, missing)}
-    panels = list(enumerate(specs[first:], first))
-    names = list(dict.fromkeys(spec["target"] for _, spec in panels))
-    choose = names if len(panels) > MAX_FACETS and len(names) > 1 else []
-    agents = plotly_renderer.agents(item)
-    return {"kind": "chart", "figure": item, "panels": panels, "agents": agents, "targets": choose}
+    own = list(enumerate(specs[first:], first))
+    names = list(dict.fromkeys(spec["target"] for _, spec in own))
+    choose = names if len(own) > MAX_FACETS and len(names) > 1 else []
+    shown = {"targets": choose, "chosen": first_target if first_target in choose else next(iter(choose), "")}
+    return {"kind": "chart", "figure": item, "panels": own, "agents": plotly_renderer.agents(item), **shown}
 
 
 def _lines(item: Matrix) -> list[tuple[tuple[str, str, str], list[tuple[str, str]]]]:
@@ -193,9 +199,13 @@ def _lines(item: Matrix) -> list[tuple[tuple[str, str, str], list[tuple[str, str
 def write(findings: Findings, drawn: list[Figure], path: Path, missing: list[str] | None = None) -> Path:
     """Write the report; the same findings give the same bytes."""
     specs: list[plotly_renderer.Spec] = []
+    shown, absent = sections(findings, drawn)
+    best = winners(findings)
+    said = verdict(findings, best)
+    first = said.directions[0].headlines[0].task if said.directions else ""
     content = [
-        {"section": section, "blocks": [block(item, specs, missing) for item in section.content]}
-        for section in sections(findings, drawn)
+        {"section": section, "blocks": [block(item, specs, first, missing) for item in section.content]}
+        for section in shown
     ]
-    render(path, findings, content, specs, stamp(findings), summary(findings, winners(findings)), winners(findings))
+    render(path, findings, Parts(said, content, specs, absent, origin(findings), best))
     return path

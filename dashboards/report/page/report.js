@@ -88,8 +88,9 @@
   // Light and dark
   const theme = document.getElementById("theme");
   const isDark = () => (root.dataset.theme ?? (darkScreen.matches ? "dark" : "light")) === "dark";
+  const nameTheme = () => { theme.textContent = "Theme: " + (isDark() ? "dark" : "light"); };
   function showTheme() {
-    theme.setAttribute("aria-pressed", isDark());
+    nameTheme();
     redraw();
   }
   theme.addEventListener("click", () => {
@@ -97,7 +98,7 @@
     showTheme();
   });
   darkScreen.addEventListener("change", showTheme);
-  theme.setAttribute("aria-pressed", isDark());
+  nameTheme();
   let before;
   addEventListener("beforeprint", () => {
     before = root.dataset.theme;

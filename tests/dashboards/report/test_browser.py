@@ -91,7 +91,7 @@ class Visit:
 
     def draw_all(self, frame: Any) -> None:
         """Scroll past every plot, so that each is drawn."""
-        frame.wait_for_selector("#cells")
+        frame.wait_for_selector("#origin")
         for plot in frame.query_selector_all(".panel:not([hidden]) .plot"):
             plot.scroll_into_view_if_needed()
             frame.wait_for_function("plot => plot.dataset.drawn", arg=plot)
@@ -109,7 +109,7 @@ def visit(browser: Any, request: pytest.FixtureRequest) -> Iterator[Visit]:
 def test_everything_is_drawn_without_complaint_and_nothing_lies_over_anything(visit: Visit, address: str) -> None:
     visit.page.goto(address)
     visit.draw_all(visit.page)
-    for section in ("table1", "matrix", "curves", "delta", "gate", "forest", "hyperparameters", "cells"):
+    for section in ("curves", "results", "matrix", "forest", "delta", "gate", "hyperparameters", "cells", "origin"):
         assert visit.page.locator(f"#{section} h2").is_visible()
     assert visit.page.locator(".plot svg.main-svg").count() > 10
     assert visit.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
@@ -117,6 +117,19 @@ def test_everything_is_drawn_without_complaint_and_nothing_lies_over_anything(vi
     assert texts > 200
     assert over == []
     assert visit.complaints == []
+
+
+@pytest.mark.parametrize("visit", [(400,)], indirect=True)
+def test_a_narrow_screen_shows_every_number_of_the_main_table(visit: Visit, address: str) -> None:
+    visit.page.goto(address)
+    visit.page.locator("#table-best").scroll_into_view_if_needed()
+    seen = visit.page.evaluate(
+        """() => [...document.querySelectorAll('#table-best td.number')]
+          .filter((cell) => cell.textContent.trim() !== '\u2013').map((cell) => cell.getBoundingClientRect())
+          .map((box) => box.width > 20 && box.left >= 0 && box.right <= innerWidth)"""
+    )
+    assert len(seen) > 20
+    assert all(seen)
 
 
 def column(page: Any, number: int) -> list[str]:
@@ -169,7 +182,7 @@ def test_it_works_within_the_sandboxed_frame_of_an_artifact_view(visit: Visit, a
     visit.page.evaluate("text => { document.querySelector('iframe').srcdoc = text }", text)
     frame = visit.page.frames[-1]
     visit.draw_all(frame)
-    frame.locator("nav a", has_text="Forest plot").click()
+    frame.locator("nav a", has_text="Transfer ratios").click()
     assert frame.locator("#forest h2").is_visible()
     frame.locator("#table-best").get_by_role("button", name="CSV").click()
     assert frame.locator("dialog textarea").input_value().startswith("task,agent,source")
@@ -188,7 +201,7 @@ def test_dark_and_light_follow_the_system_and_the_button(browser: Any, address: 
     assert visit.page.evaluate(ink) != on_dark
     visit.page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert visit.page.evaluate(ink) == on_dark
-    visit.page.get_by_role("button", name="Dark").click()
-    assert visit.page.get_by_role("button", name="Dark").get_attribute("aria-pressed") == "false"
+    visit.page.get_by_role("button", name="Theme: dark").click()
+    assert visit.page.get_by_role("button", name="Theme: light").is_visible()
     assert visit.page.evaluate(background) == "rgb(255, 255, 255)" != dark
     visit.page.close()

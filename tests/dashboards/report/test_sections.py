@@ -18,7 +18,7 @@ from orchestrator.analysis.findings import Findings, find
 from orchestrator.results.sweep_folder import Results
 from tests.dashboards import synthetic
 
-SECTIONS = ["table1", "matrix", "curves", "delta", "gate", "forest", "hyperparameters", "cells"]
+SECTIONS = ["verdict", "curves", "results", "matrix", "forest", "delta", "gate", "hyperparameters", "origin"]
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"quoted\" 'too' =1+1"
 
 
@@ -52,7 +52,7 @@ class Page(HTMLParser):
 
     @property
     def sections(self) -> list[str | None]:
-        return [own["id"] for own in self.found("section") if own["id"] != "summary"]
+        return [own["id"] for own in self.found("section")]
 
 
 @pytest.fixture
@@ -77,7 +77,10 @@ def test_every_section_is_there_in_its_order_with_its_data(small: Findings, tmp_
         assert shown in text
     for name in ("curves", "delta_effect", "gate", "forest", "sensitivity"):
         assert page.found("figure", id=f"chart-{name}")
-    assert "None: all" in text
+    assert f"all {len(small.each_cell)} cells are done" in text
+    assert [own["href"] for own in page.found("a") if own.get("href") != "#main"] == [
+        f"#{name}" for name in SECTIONS[1:]
+    ]
 
 
 def test_the_numbers_of_table_1_are_those_of_the_groups(small: Findings, tmp_path: Path) -> None:
@@ -160,20 +163,21 @@ def test_cells_that_are_not_done_are_shown_with_their_causes(tmp_path: Path) -> 
         assert shown in text
 
 
-def test_what_has_no_data_says_why(tmp_path: Path) -> None:
+def test_what_has_no_data_is_left_out_and_named_at_the_end(tmp_path: Path) -> None:
     made = synthetic.findings(tmp_path, 1, 2, 5)
     cells = made.cells.assign(status="missing", auc=None)
     page = written(find(made.results, (cells, made.points.iloc[:0])), tmp_path)
-    assert page.sections == SECTIONS
+    assert page.sections == ["verdict", "cells", "origin"]
     assert not page.found("figure")
-    assert len(page.found("p", **{"class": "absent"})) >= 9
+    assert len([own for own in page.found("li") if "data-figure" in own]) >= 7
+    assert "No configuration has every seed done yet" in " ".join(page.text)
 
 
 def test_a_sweep_that_has_not_begun_has_a_report(tmp_path: Path) -> None:
     made = synthetic.findings(tmp_path, 1, 2, 5)
     page = written(find(made.results, (pd.DataFrame(), pd.DataFrame({"cell_id": []}))), tmp_path)
-    assert page.sections == SECTIONS
-    assert "The sweep has no cells yet." in " ".join(page.text)
+    assert page.sections == ["verdict", "origin"]
+    assert "2 seeds; no cell yet." in " ".join(page.text)
 
 
 def test_a_thousand_cells_stay_small_and_show_one_target_at_a_time(tmp_path: Path) -> None:

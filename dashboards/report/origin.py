@@ -1,36 +1,22 @@
-"""The head of the report: how the sweep was run, and its main results."""
+"""Where the results come from: the sweep, its code, its seeds and its budget."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
-from dashboards.labels import SOURCES, count, label, listed, minus
+from dashboards.labels import count, listed
+from dashboards.report.verdict import STATUSES
 from orchestrator.analysis.findings import Findings
-from orchestrator.analysis.groups import Group
-from orchestrator.analysis.metrics import DIFFERENCE, TRANSFER_RATIO
 from search_spaces.search_space import SearchSpace
 
-STATUSES = ("done", "failed", "missing", "stopped")
 CHANGES = "+changes"
 """The suffix of a commit whose working tree had uncommitted changes."""
 
 
-@dataclass(frozen=True)
-class Summary:
-    """How often transfer helped or hurt, and the best configuration on each target."""
-
-    helped: int
-    hurt: int
-    undecided: int
-    lines: tuple[tuple[str, str, str], ...]
-    """(target, agent, sentence) of the best on each target."""
-
-
-def stamp(findings: Findings) -> list[tuple[str, str]]:
-    """Return (term, value) pairs on the origin of the results: commit, versions, seeds, budget."""
+def origin(findings: Findings) -> list[tuple[str, str]]:
+    """Return (term, value) pairs, in the order in which they are shown."""
     meta, space = findings.results.meta(), findings.results.space()
     commit, dirty = str(meta["commit"]).removesuffix(CHANGES), str(meta["commit"]).endswith(CHANGES)
     created = datetime.fromtimestamp(meta["created"], UTC).strftime("%Y-%m-%d %H:%M UTC")
@@ -62,22 +48,3 @@ def _budget(findings: Findings, space: SearchSpace, hours: float) -> str:
     trained = f"{hours:.2f} core-hours" if hours >= 0.1 else f"{hours * 60:.1f} core-minutes"
     counted = f"{listed([f'{n:,}' for n in episodes])} episodes a cell; " if episodes else ""
     return f"{counted}{search}; {trained} of training"
-
-
-def summary(findings: Findings, winners: Sequence[Group]) -> Summary:
-    """Return how often transfer helped, and a sentence on the best configuration of each target."""
-    verdicts = Counter(group.verdict for group in findings.best)
-    lines = tuple((group.task, group.agent, _sentence(group, findings.common)) for group in winners)
-    return Summary(verdicts["helped"], verdicts["hurt"], verdicts["undecided"], lines)
-
-
-def _sentence(group: Group, hide: Collection[str]) -> str:
-    source = f", {SOURCES[group.source]}" if group.source in SOURCES else ""
-    name = label(group, hide)
-    text = f"{name}{source}: AUC {group.auc.value:.2f}" if group.auc else name
-    if group.against_base is None:
-        return minus(text) + "; no transfer did better"
-    gap, ratio = group.against_base.difference, group.against_base.transfer_ratio
-    text += f", {DIFFERENCE.text(gap)}"
-    text += "" if ratio.value is None else f" ({TRANSFER_RATIO.text(ratio)})"
-    return minus(text) + " against no transfer"

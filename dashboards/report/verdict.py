@@ -1,0 +1,138 @@
+"""What the report says first: how often transfer helped or hurt, and the surest cases of both."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from dashboards.labels import SOURCES, count, label, minus
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
+from orchestrator.analysis.metrics import DIFFERENCE, TRANSFER_RATIO, signed
+
+STATUSES = ("done", "failed", "missing", "stopped")
+
+HEADLINES = 3
+"""Most cases of each direction."""
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One case of transfer that surely helped, or surely hurt."""
+
+    task: str
+    agent: str
+    what: str
+    """The configuration and its source."""
+    effect: str
+    """Its transfer ratio, else the difference in AUC."""
+    evidence: str
+    """The interval, and both AUCs."""
+    remark: str = ""
+    """How it stands to the agent's best configuration."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The surest cases of one direction, the surest first."""
+
+    verdict: Literal["helped", "hurt"]
+    headlines: tuple[Headline, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer of a sweep in a few lines."""
+
+    helped: int
+    hurt: int
+    undecided: int
+    cells: str
+    """How many seeds and cells it stands on."""
+    directions: tuple[Direction, ...]
+    """The direction of the surest case first; a direction without a case is left out."""
+    winners: tuple[tuple[str, str, str], ...]
+    """(target, agent, sentence) of the best on each target."""
+
+
+def verdict(findings: Findings, winners: Sequence[Group]) -> Verdict:
+    """Return how often transfer helped and hurt, the surest cases of both, and what is best on each target."""
+    counts = Counter(group.verdict for group in findings.best)
+    surest = {which: _surest(findings, which) for which in ("helped", "hurt")}
+    directions = [
+        Direction(which, tuple(_headline(group, findings) for group in groups))  # type: ignore[arg-type]
+        for which, groups in sorted(surest.items(), key=lambda found: -max(map(sureness, found[1]), default=0.0))
+        if groups
+    ]
+    best = tuple((group.task, group.agent, _sentence(group, findings.common)) for group in winners)
+    cells = _cells(findings)
+    return Verdict(counts["helped"], counts["hurt"], counts["undecided"], cells, tuple(directions), best)
+
+
+def sureness(group: Group) -> float:
+    """Return how far the nearer end of the transfer ratio's interval is from 0; 0 where there is no interval."""
+    ratio = group.against_base.transfer_ratio if group.against_base else None
+    if ratio is None or ratio.low is None or ratio.high is None:
+        return 0.0
+    return max(ratio.low, -ratio.high, 0.0)
+
+
+def _surest(findings: Findings, which: str) -> list[Group]:
+    """Return the surest configuration of each agent, target and source; of losses not the agent's best one alone."""
+    candidates = findings.best if which == "helped" else [group for group in findings.groups if group.complete]
+    found: dict[object, Group] = {}
+    for group in sorted(candidates, key=lambda group: -sureness(group)):
+        if group.verdict == which:
+            found.setdefault(group.key, group)
+    return list(found.values())[:HEADLINES]
+
+
+def _headline(group: Group, findings: Findings) -> Headline:
+    assert group.against_base is not None
+    assert group.auc is not None
+    ratio, gap = group.against_base.transfer_ratio, group.against_base.difference
+    effect, interval = DIFFERENCE.text(gap), ""
+    if ratio.value is not None:
+        effect, _, interval = TRANSFER_RATIO.text(ratio).partition(" ")
+    aucs = f"AUC {group.auc.value:.2f} in place of {group.auc.value - gap.value:.2f} without transfer"
+    evidence = minus(f"{interval} · {aucs}" if interval else aucs)
+    source = f", {SOURCES[group.source]}" if group.source in SOURCES else ""
+    what = label(group, findings.common) + source
+    return Headline(group.task, group.agent, what, minus(effect), evidence, _remark(group, findings))
+
+
+def _remark(group: Group, findings: Findings) -> str:
+    """Return what the agent's best configuration did, where `group` is another one."""
+    best = findings.selected[group.key].best if group.key in findings.selected else group
+    if best.id == group.id or best.against_base is None:
+        return ""
+    ratio = best.against_base.transfer_ratio.value
+    did = "" if ratio is None else f": {signed(100 * ratio)}%"
+    return minus(f"its best configuration is {label(best, findings.common)}{did}")
+
+
+def _cells(findings: Findings) -> str:
+    counts = Counter(findings.each_cell["status"]) if len(findings.each_cell) else Counter()
+    seeds = count(len(findings.results.space().seeds), "seed")
+    if not counts:
+        return f"{seeds}; no cell yet"
+    if set(counts) == {"done"}:
+        return f"{seeds}; all {counts['done']} cells are done" if counts["done"] > 1 else f"{seeds}; 1 cell, done"
+    return f"{seeds}; of {sum(counts.values())} cells " + ", ".join(
+        f"{counts[name]} {name}" for name in STATUSES if counts[name]
+    )
+
+
+def _sentence(group: Group, hide: Collection[str]) -> str:
+    source = f", {SOURCES[group.source]}" if group.source in SOURCES else ""
+    name = label(group, hide)
+    text = f"{name}{source}: AUC {group.auc.value:.2f}" if group.auc else name
+    if group.against_base is None:
+        return minus(text) + "; no transfer did better"
+    gap, ratio = group.against_base.difference, group.against_base.transfer_ratio
+    text += f", {DIFFERENCE.text(gap)}"
+    text += "" if ratio.value is None else f" ({TRANSFER_RATIO.text(ratio)})"
+    text += " against no transfer"
+    return minus(text) + (", which these seeds cannot tell from none" if group.verdict == "undecided" else "")
