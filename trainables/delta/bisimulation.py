@@ -1,10 +1,10 @@
 """An upper bound of the bisimulation distance between the states of two tabular tasks.
 
 Bisimulation (Ferns, Panangaden and Precup, 2004): d(s,t) = max_a |r(s,a) - r(t,a)| + gamma W_d(p(.|s,a), p(.|t,a)),
-with W_d the Wasserstein distance under d itself. W needs a linear program for each of S x S x A entries in every sweep
-(640,000 on a 20 x 20 grid). Here each keeps one coupling: the outcomes of both tasks in order of their probability,
-then of their number, matched as far as each goes. Any coupling costs at least W, so the fixed point is an upper bound;
-on equal tasks it is 0 on the diagonal, as d is.
+where W_d is the Wasserstein distance under d itself. W needs a linear program for each of S x S x A entries in every
+sweep (640,000 on a 20 x 20 grid). Here each entry keeps one coupling: it matches the outcomes of both tasks in order of
+their probability, then of their number. Any coupling costs at least W, so the fixed point is an upper bound; on equal
+tasks it is 0 on the diagonal, as d is.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROUNDS, SWEEPS = 100, 300
 
 
 def _ordered(model: TransitionModel) -> tuple[I64, I64, F64]:
-    """(row starts, outcomes, probabilities), in each row from the most probable on; a terminal state stays."""
+    """Return (row starts, outcomes, probabilities), each row sorted by probability; a terminal state stays."""
     p, actions = model.transitions, model.rewards.shape[1]
     starts, outcomes, probabilities = [0], [], []
     for row in range(p.shape[0]):
@@ -42,7 +42,7 @@ def _ordered(model: TransitionModel) -> tuple[I64, I64, F64]:
 
 @compiled
 def _cost(i: int, j: int, a0: I64, a1: I64, a2: F64, b0: I64, b1: I64, b2: F64, d: F64) -> float:
-    """The cost under d of the coupling of row i of one task with row j of the other."""
+    """Return the cost under d of the coupling of row i of one task with row j of the other."""
     m, n = a0[i], b0[j]
     left, right, total = float(a2[m]), float(b2[n]), 0.0
     while True:
@@ -66,7 +66,7 @@ def _cost(i: int, j: int, a0: I64, a1: I64, a2: F64, b0: I64, b1: I64, b2: F64, 
 def _solve(
     a0: I64, a1: I64, a2: F64, b0: I64, b1: I64, b2: F64, r: F64, u: F64, gamma: float, tolerance: float, d: F64
 ) -> None:
-    """Fill d (S, T): the best action of every pair in turn with many cheap sweeps of it, until no pair changes."""
+    """Fill d (S, T): alternate between the best action of every pair and cheap sweeps of it, until no pair changes."""
     states, actions = r.shape
     others = u.shape[0]
     best = np.zeros((states, others), np.int64)
@@ -99,7 +99,7 @@ def _solve(
 
 
 def distances(source: TransitionModel, target: TransitionModel, gamma: float) -> F64:
-    """The bound (S, T) between every state of one task and every state of the other, which share their actions.
+    """Return the bound (S, T) for every pair of states of two tasks with the same actions.
 
     Raises InputError where there are more than MAX_PAIRS pairs of states.
     """
@@ -113,6 +113,6 @@ def distances(source: TransitionModel, target: TransitionModel, gamma: float) ->
 
 
 def start_distance(source: str, target: str, gamma: float) -> float:
-    """The bound between the start states of two tasks."""
+    """Return the bound for the start states of two tasks."""
     src, trg = model_of(source), model_of(target)
     return float(distances(src, trg, gamma)[src.start, trg.start])

@@ -1,8 +1,9 @@
-"""The noise floor of a source: what a gate's estimate of delta comes to on the source's own task, where delta is 0.
+"""The noise floor of a source: the size of a gate's estimate of delta on the source's own task, where delta is 0.
 
-A learned source errs, and a gate with a small learning rate still sees the noise of single samples. Both make |delta|
-large where the tasks are equal. `threshold: auto` is the largest value that the gate would have met in as many episodes
-on the source task, following the source, in RUNS runs: the smallest threshold that would not have closed it in any.
+A learned source has errors, and a gate with a small learning rate still sees the noise of single samples. Both make
+|delta| large even where the tasks are equal. `threshold: auto` is the largest value that the gate would have seen in
+RUNS runs of as many episodes on the source task, following the source: the smallest threshold at which it would have
+stayed open in all of them.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from trainables.tasks.rollout import Transitions, Values
 from trainables.tasks.tabular_env import step as env_step
 
 RUNS = 10
-"""Runs whose largest delta is taken: of one alone, every second new run would meet a larger one."""
+"""Runs over which the largest delta is taken; after a single run, every second new one would exceed it."""
 
 
 class SourceTables(NamedTuple):
@@ -67,9 +68,9 @@ def _largest(
 def noise_floor(
     task: str, q_src: NDArray[np.float64], rule: DeltaRule, gamma: float, episodes: int, seed: int
 ) -> float:
-    """The largest delta that the gate of `rule` meets on the source task `task`, following argmax of q_src (S, A).
+    """Return the largest delta that the gate of `rule` sees on the source task `task`, following argmax q_src (S, A).
 
-    Random numbers come from a stream of their own, by `seed` and the source task.
+    Random numbers come from a separate stream, derived from `seed` and the source task.
     """
     dynamics = parse_task(task).dynamics()
     source = SourceTables(np.array(q_src), q_src.max(axis=1), q_src.argmax(axis=1))
@@ -80,17 +81,17 @@ def noise_floor(
 
 
 FLOOR_EPISODES = 10
-"""Episodes on the source's own task, unless said."""
+"""Default number of episodes on the source's own task."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """What one episode says of the source that was followed in it."""
+    """Statistics of one episode in which a source was followed."""
 
     path_delta: float
-    """sum_t gamma^t delta(s_t, a_t): the discounted return less what the source promised, V_src(s_0)."""
+    """sum_t gamma^t delta(s_t, a_t): the discounted return minus the predicted return V_src(s_0)."""
     promise: float
-    """V_src(s_0)."""
+    """The predicted return V_src(s_0)."""
     mean_abs: float
     """Mean |delta| over its steps."""
     mean_square: float
@@ -100,7 +101,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class SelfDelta:
-    """delta of a source on its own task, where only its errors are left of it."""
+    """delta of a source on its own task, which is due to the source's errors alone."""
 
     mean_abs: float
     """Mean over all steps of |delta|."""
@@ -110,7 +111,7 @@ class SelfDelta:
 
 
 def episode_of(source: Values, seen: Transitions, gamma: float) -> Episode:
-    """What the transitions of one episode, in order, say of the source that was followed in it."""
+    """Return the statistics of an episode from its transitions, in order, and the source that was followed."""
     samples = delta_samples(source, seen, gamma).astype(np.float64)
     discounts = gamma ** np.arange(len(samples))
     promise = float(source.rows(seen.observations[:1]).max())
@@ -121,7 +122,7 @@ def episode_of(source: Values, seen: Transitions, gamma: float) -> Episode:
 def self_delta(
     source: Values, task: str, gamma: float, seed: int, episodes: int = FLOOR_EPISODES, epsilon: float = 0.0
 ) -> SelfDelta:
-    """The noise floor of a source trained on `task`: its epsilon-greedy policy followed there, by its own stream."""
+    """Return delta of a source on its own `task`, from episodes of its epsilon-greedy policy with a separate stream."""
     from trainables.tasks.rollout import Rollout
 
     rollout = Rollout(parse_task(task), stream(seed, "calibration", task))

@@ -1,4 +1,4 @@
-"""The sample of delta: what every estimator of it, tabular or deep, is made of."""
+"""Samples of delta, on which every tabular or deep estimator is based."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Number = TypeVar("Number", float, NDArray[np.float32], NDArray[np.float64])
 
 @compiled
 def delta_sample(reward: Number, gamma: float | np.float32, v_next: Number, q_src: Number) -> Number:
-    """Return r + gamma V_src(s') - Q_src(s,a), whose mean is delta(s,a): eqs. (2) and (4).
+    """Return r + gamma V_src(s') - Q_src(s,a), whose expectation is delta(s,a): eqs. (2) and (4).
 
     v_next: V_src(s') = max_b Q_src(s',b), and 0 where s' is terminal.
     """

@@ -1,4 +1,4 @@
-"""The tabular estimators of delta, eq. (2), and the counter of pairs beyond the threshold that the gates read."""
+"""The tabular estimators of delta, eq. (2), and the count of pairs over the threshold, on which the gates depend."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from trainables.numerics.jit import compiled
 
 
 class DeltaTable(NamedTuple):
-    """delta of every (s,a), and what the confidence gate needs to know about its noise. All arrays are (S, A)."""
+    """delta of every (s,a), and its noise for the confidence gate. All arrays are (S, A)."""
 
     delta: NDArray[np.float64]
     visits: NDArray[np.int64]
     squares: NDArray[np.float64]
-    """Sum of squared deviations of the samples from their mean (Welford); the confidence gate alone fills it."""
+    """Sum of squared deviations of the samples from their mean (Welford); only for the confidence gate."""
     over: NDArray[np.bool_]
-    """Whether the pair counts as beyond the threshold."""
+    """Whether the pair is over the threshold."""
 
 
 class DeltaRule(NamedTuple):
-    """How a sample moves delta, and when a pair is over the threshold."""
+    """How a sample updates delta, and when a pair is over the threshold."""
 
     confident: bool
-    """False: eq. (2) with the rate below, over iff |delta| > threshold. True: running mean, over iff significant."""
+    """False: eq. (2) with learning_rate, over iff |delta| > threshold. True: running mean, over iff significant."""
     learning_rate: float
     """alpha_d."""
     threshold: float
@@ -37,14 +37,14 @@ class DeltaRule(NamedTuple):
 
 
 def empty_table(states: int, actions: int) -> DeltaTable:
-    """A table with delta = 0 everywhere: the prior belief that source and target are equal."""
+    """Return a table with delta = 0 everywhere: the prior belief that source and target are equal."""
     shape = (states, actions)
     return DeltaTable(np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape), np.zeros(shape, np.bool_))
 
 
 @compiled
 def size(table: DeltaTable, rule: DeltaRule, state: int, action: int) -> float:
-    """What is held against the threshold: |delta|, or the confidence gate's |mean| - z se (0 before min_visits)."""
+    """Return what is compared with the threshold: |delta|, or for the confidence gate |mean| - z se (or 0)."""
     largest: float = abs(table.delta[state, action])
     if not rule.confident:
         return largest
@@ -57,7 +57,7 @@ def size(table: DeltaTable, rule: DeltaRule, state: int, action: int) -> float:
 
 @compiled
 def update(table: DeltaTable, rule: DeltaRule, state: int, action: int, sample: float) -> int:
-    """Take in one sample r + gamma V_src(s') - Q_src(s,a); the change in the number of pairs over the threshold."""
+    """Update delta by a sample r + gamma V_src(s') - Q_src(s,a); return the change in pairs over the threshold."""
     visits = table.visits[state, action] + 1
     table.visits[state, action] = visits
     error = sample - table.delta[state, action]

@@ -1,1 +1,1 @@
-"""How agents learn, one file per algorithm."""
+"""The learners of the agents, one module per algorithm."""

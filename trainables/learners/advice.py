@@ -1,6 +1,6 @@
-"""Advice from a source task: each way of adding it to Q, and when it ends (eqs. 3, 5 and 6).
+"""Advice from a source task: the strategies that add it to Q, and how it fades (eqs. 3, 5 and 6).
 
-An agent's hyperparameters name its strategy (`DQN.advice`); an agent with another one brings a class like these.
+An agent's hyperparameters name its strategy (`DQN.advice`); a new agent may bring another class like these.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from trainables.tasks.rollout import Transitions
 
 @compiled
 def best_action(q: F32, q_src: F32, delta: F32, kappa: float) -> int:
-    """argmax_a q + kappa exp(-max_b |delta|) A_src, the lowest index on ties; V_src cancels out of an argmax."""
+    """Return argmax_a q + kappa exp(-max_b |delta|) A_src, the lowest index on ties; V_src cancels in the argmax."""
     largest = np.float32(0.0)
     for a in range(len(delta)):
         largest = max(largest, abs(delta[a]))
@@ -45,101 +45,101 @@ def best_action(q: F32, q_src: F32, delta: F32, kappa: float) -> int:
 
 
 class Follows(NamedTuple):
-    """What advice is read from."""
+    """The networks on which the advice depends."""
 
     source: Network | None = None
-    """Q_src; None: there is no advice to be had now, the action is argmax Q."""
+    """Q_src; None: there is no advice now, the action is argmax Q."""
     delta: Network | None = None
     fixed_delta: F32 = NO_DELTA
-    """What stands for delta(s, .) where there is no delta network."""
+    """The value of delta(s, .) without a delta network."""
 
 
 class Run(NamedTuple):
-    """What a strategy may use of the run that it takes part in."""
+    """The parts of a training run that a strategy may use."""
 
     cell: Cell
     q: Network
     target: Network
     exploration: np.random.Generator
     remembered: Callable[[], F32]
-    """States that the replay buffer holds, (n, inputs)."""
+    """Returns states from the replay buffer, (n, inputs)."""
 
 
 class Advice:
-    """No advice: the agent acts on Q and learns from the rewards as they are. The base of every strategy."""
+    """No advice: the agent acts on Q and learns from unshaped rewards. The base class of every strategy."""
 
     learns_delta: ClassVar[bool] = False
     """Whether the agent trains a delta network, by eq. (4)."""
     kappa = 0.0
     """The weight of the advice in choosing actions; 0: there is none, or it has ended."""
     delta_rests = False
-    """Whether the delta network is trained no more."""
+    """Whether the delta network is no longer trained."""
     decrement = 0.0
-    """C of eq. (6): what kappa loses in a step."""
+    """C of eq. (6), the decrease of kappa per step."""
 
     def __init__(
         self, settings: DQN, source: Network | None = None, delta: Network | None = None, source_steps: int = 0
     ) -> None:
-        """source_steps: T, the steps that the source run took."""
+        """source_steps: T, the steps of the source run."""
         self.settings, self.source, self.delta = settings, source, delta
         self.advised = np.zeros(4)
         """The steps since the last evaluation whose action was chosen with advice, as `take_note` counts them."""
 
     def begin(self, run: Run) -> None:
-        """Do what is to be done once, before the first episode."""
+        """Prepare before the first episode."""
 
     def episode(self, number: int) -> None:
-        """Take note that an episode begins; the first is number 0."""
+        """Prepare for an episode; the first is number 0."""
 
     def guided(self, observation: F32) -> int | None:
-        """Return the source's action where it acts in the agent's place, else None; not asked while kappa is 0."""
+        """Return the source's action where the source acts instead of the agent, else None. Called while kappa > 0."""
         return None
 
     def decay(self) -> bool:
-        """Take one step of line 5; whether the advice ended with it."""
+        """Update kappa as in line 5, and return whether the advice ended with this step."""
         return False
 
     def end(self, observations: F32) -> None:
-        """Take note that the advice has ended, in a run that remembers states like these (n, inputs)."""
+        """Note that the advice has ended; `observations` (n, inputs) are states from the replay buffer."""
 
     def follows(self) -> Follows:
-        """Return what `best` reads now."""
+        """Return what `best` depends on now."""
         return Follows()
 
     def best(self, q: F32, observation: F32) -> int:
-        """Return the action to take where the agent's own values are q (actions,)."""
+        """Return the best action with advice, where the agent's values are q (actions,)."""
         return int(q.argmax())
 
     def shape_reward(self, seen: Transitions, values: F32) -> F32:
-        """Return the rewards (n,) to learn from; `values` (n, actions) at s' become those that are maximised there."""
+        """Return the rewards (n,) to learn from, and change `values` (n, actions) at s' to those to maximise there."""
         return seen.rewards
 
     def learn(self, q: Network, batch: Batch) -> float:
-        """Update Q by a minibatch and return the loss; not asked while kappa is 0."""
+        """Update Q by a minibatch and return the loss. Called while kappa > 0."""
         return q.update(batch.observations, batch.actions, batch.td_targets)
 
     def evaluated(self, values: F32, observations: F32) -> F32:
-        """Return what greedy evaluation maximises, (n, actions); `values` (n, actions) are Q's, and may change."""
+        """Return the values (n, actions) that greedy evaluation maximises; `values` (n, actions), Q's, may change."""
         return values
 
     def statistics(self, observations: F32) -> dict[str, float]:
-        """Return what to report of the advice, over states (n, inputs)."""
+        """Return the advice's statistics over states (n, inputs)."""
         return {}
 
     def advised_statistics(self) -> dict[str, float]:
-        """Return what to report of the steps that were advised since the last evaluation; nothing of no step."""
+        """Return statistics of the steps that were advised since the last evaluation; empty without any."""
         return {}
 
     def state(self) -> dict[str, Any]:
-        """Return what changes while training, for a checkpoint."""
+        """Return what changes during training, for a checkpoint."""
         return {}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
 
 
 class SourceAdvantage(Advice):
-    """The advice kappa_t f(s) A_src(s,a), with f = exp(-max_a |delta(s,a)|) of a delta network, and 1 without one."""
+    """The advice kappa_t f(s) A_src(s,a), with f = exp(-max_a |delta(s,a)|), or 1 without a delta network."""
 
     source: Network
 
@@ -155,7 +155,7 @@ class SourceAdvantage(Advice):
         return Follows(self.source, self.delta)
 
     def best(self, q: F32, observation: F32) -> int:
-        """Return the action of eq. (5); of eq. (3) without delta."""
+        """Return the action of eq. (5), or of eq. (3) without delta."""
         source, network, fixed = self.follows()
         if source is None:
             return int(q.argmax())
@@ -197,7 +197,7 @@ class SourceAdvantage(Advice):
         return {"kappa": self.kappa}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         self.kappa = float(state["kappa"])
 
 
@@ -213,13 +213,13 @@ class ExplicitShaping(SourceAdvantage):
         self.decrement = decay_constant(self.settings.advice_fraction, source_steps)
 
     def decay(self) -> bool:
-        """kappa_t = max(0, kappa_{t-1} - C): eq. (6)."""
+        """Set kappa_t = max(0, kappa_{t-1} - C), eq. (6), and return whether it has become 0."""
         before = self.kappa
         self.kappa = max(0.0, before - self.decrement)
         return self.kappa == 0.0 < before
 
     def evaluated(self, values: F32, observations: F32) -> F32:
-        """Return Q, or with `evaluation_policy: shaped` what the agent acts on."""
+        """Return Q, or with `evaluation_policy: shaped` the values on which the agent acts."""
         return values + self.rows(observations) if self.settings.evaluation_policy == "shaped" else values
 
 
@@ -234,27 +234,27 @@ class DeltaShaping(ExplicitShaping):
         super().__init__(settings, source, delta, source_steps)
         self._may_rest = self.settings.delta_after_advice == "rest"
         self._at_the_end: dict[str, float] = {}
-        """delta's statistics when the advice ended, where delta rests from then on."""
+        """delta's statistics at the end of the advice, if delta is not trained from then on."""
 
     def end(self, observations: F32) -> None:
-        """Let delta rest, for it can change no action now; its statistics stay those over these states (n, inputs)."""
+        """Stop training delta, which can change no action now; its statistics stay those over these states."""
         if self._may_rest:
             assert self.delta is not None
             self.delta_rests = True
             self._at_the_end = delta_statistics(self.delta, observations)
 
     def statistics(self, observations: F32) -> dict[str, float]:
-        """Return what every advice reports, and whether delta's statistics are those of the advice's end."""
+        """Return the statistics of explicit shaping, and whether those of delta are from the end of the advice."""
         if self.delta_rests:
             return {"kappa": 0.0, "advice_factor": 0.0, **self._at_the_end, "delta_rests": 1.0}
         return super().statistics(observations) | ({"delta_rests": 0.0} if self._may_rest else {})
 
     def state(self) -> dict[str, Any]:
-        """Return kappa, and delta's statistics at the advice's end."""
+        """Return kappa, and delta's statistics at the end of the advice."""
         return super().state() | {"delta_rests": self.delta_rests, "at_the_end": dict(self._at_the_end)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         super().restore(state)
         self.delta_rests, self._at_the_end = bool(state["delta_rests"]), dict(state["at_the_end"])
 
@@ -273,7 +273,7 @@ class PotentialAdvice(SourceAdvantage):
 
 
 class DeltaPotentialAdvice(PotentialAdvice):
-    """Potential-based advice with Phi = exp(-max_a |delta(s,a)|) A_src, which follows delta to the end."""
+    """Potential-based advice with Phi = exp(-max_a |delta(s,a)|) A_src, for which delta is trained to the end."""
 
     learns_delta = True
 

@@ -1,4 +1,4 @@
-"""What is counted and reported of advice: at the states where it acted, and at remembered states."""
+"""Statistics of advice, at the states where it acted and at states in the replay buffer."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def take_note(advised: F64, delta: F32, exponent: F32) -> None:
 
 
 NO_DELTA = np.zeros(0, np.float32)
-"""What stands for delta where there is none: its factor is 1."""
+"""delta without a delta network: its factor is 1."""
 
 
 def advised_statistics(advised: F64, with_delta: bool) -> dict[str, float]:

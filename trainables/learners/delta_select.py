@@ -1,9 +1,10 @@
 """delta_select: of several sources, follow the one whose delta is smallest along its own path, or none.
 
-Following source k from the start state collects V_src(s_0) + sum_t gamma^t delta_k(s_t, a_t): the paper's identity
-Q_trg^pi - Q_src^pi = delta + gamma E[...] summed along the path. The first term is what the source promises, the
-second, its path delta, is learned here as a running mean over the episodes in which it was followed. Neither the
-largest |delta| nor its mean tells a source that errs where nobody goes from one that walks into a wall.
+Following source k from the start state has the discounted return V_src(s_0) + sum_t gamma^t delta_k(s_t, a_t): the
+paper's identity Q_trg^pi - Q_src^pi = delta + gamma E[...], summed along the path. The first term is the return that
+the source predicts; the second, its path delta, is learned here as a running mean over the episodes in which it was
+followed. Neither the largest |delta| nor its mean distinguishes a source that is wrong in states that it never visits
+from one that fails on its path.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ NONE = -1
 
 
 class Sources(NamedTuple):
-    """What the sources of a library say, K of them."""
+    """The values and policies of the K sources of a library."""
 
     v: NDArray[np.float64]
     """(K, S): max_b Q_src(s,b)."""
@@ -40,7 +41,7 @@ class Sources(NamedTuple):
 
 
 class PathDelta(NamedTuple):
-    """Running means of path deltas, and what Q_trg achieves by itself."""
+    """Running means of path deltas, and of the returns of Q_trg."""
 
     followed: NDArray[np.int64]
     """(K,): episodes in which each source was followed."""
@@ -49,13 +50,13 @@ class PathDelta(NamedTuple):
     squares: NDArray[np.float64]
     """(1,): squared deviations from these means, summed over all sources."""
     own: NDArray[np.float64]
-    """(2,): the running mean of Q_trg's own discounted returns, and the first of them; -infinity before that."""
+    """(2,): the running mean of the discounted returns of Q_trg, and the first of them; -infinity before that."""
     steps: NDArray[np.int64]
     """(2,): all steps, and those that followed a source."""
 
 
 class Rule(NamedTuple):
-    """The numbers of the agent."""
+    """The agent's hyperparameters."""
 
     learning_rate: float
     gamma: float
@@ -69,7 +70,7 @@ class Rule(NamedTuple):
 
 @compiled
 def worth_following(promise: float, value: float, own: NDArray[np.float64], keep: float) -> bool:
-    """Whether a source of that value is better than Q_trg now, and keeps its promise over Q_trg untrained."""
+    """Return whether a source of this value beats Q_trg now, and keeps its predicted advantage over Q_trg untrained."""
     if value <= own[0]:
         return False
     return bool(own[1] == -np.inf or value - own[1] >= keep * (promise - own[1]))
@@ -77,9 +78,9 @@ def worth_following(promise: float, value: float, own: NDArray[np.float64], keep
 
 @compiled
 def choose(promises: NDArray[np.float64], paths: PathDelta, z: float, sd_floor: float, keep: float) -> int:
-    """The source with the largest upper bound of promise + path delta, or NONE where none is worth following.
+    """Return the source with the largest upper bound of promise + path delta, or NONE if none is worth following.
 
-    promises (K,): V_src at the start. A source that was never followed goes first: nothing speaks against it.
+    promises (K,): V_src at the start. A source that was never followed comes first.
     """
     total, tried = 0, 0
     for k in range(len(promises)):
@@ -100,7 +101,7 @@ def choose(promises: NDArray[np.float64], paths: PathDelta, z: float, sd_floor: 
 
 @compiled
 def note(paths: PathDelta, k: int, collected: float, own_rate: float) -> None:
-    """Take in an episode: the path delta of source k, or what Q_trg itself collected."""
+    """Update the running means by an episode: the path delta of source k, or the return of Q_trg."""
     if k != NONE:
         paths.followed[k] += 1
         error = collected - paths.mean[k]
@@ -126,7 +127,7 @@ def run_episodes(
     env_rng: np.random.Generator,
     explore_rng: np.random.Generator,
 ) -> float:
-    """Train q (S, A) for len(epsilons) episodes, with that epsilon in each; the sum of their returns."""
+    """Train q (S, A) for len(epsilons) episodes, each with its epsilon; return the sum of their returns."""
     total = 0.0
     promises = sources.v[:, start].copy()
     for epsilon in epsilons:
@@ -162,7 +163,7 @@ def run_episodes(
 
 
 class SelectLearner(InPlace):
-    """delta_select at work on one task: its tables, counts and random streams."""
+    """The learner of delta_select: its tables, counts and random streams."""
 
     def __init__(self, cell: Cell, source: Knowledge | None) -> None:
         settings = cell.settings
@@ -214,7 +215,7 @@ class SelectLearner(InPlace):
         self._training_return = total / episodes
 
     def evaluate(self) -> EvalPoint:
-        """The exact return of the source's policy that would be followed now, or of argmax Q_trg where none would."""
+        """Return a point with the exact return of the source that would be followed now, or of argmax Q_trg."""
         k = self._chosen()
         returns = expected_return(self._model, self.policy(), self._settings.gamma)
         steps, followed = (int(count) for count in self._paths.steps)
@@ -226,22 +227,22 @@ class SelectLearner(InPlace):
         return EvalPoint(self._episode, steps, *returns, self._training_return, statistics)
 
     def policy(self) -> NDArray[np.int64]:
-        """Return the policy (S,) of the source that would be followed now, or argmax Q_trg where none would."""
+        """Return the policy (S,) of the source that would be followed now, or argmax Q_trg."""
         k = self._chosen()
         policy: NDArray[np.int64] = self._q.argmax(axis=1) if k == NONE else self._sources.pi[k]
         return policy
 
     def knowledge(self) -> Knowledge:
-        """Q_trg, for a later transfer."""
+        """Return Q_trg, for a later transfer."""
         return Knowledge({"q": self._q.copy()})
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         return {"q": self._q, **self._paths._asdict()}
 
     def _chosen(self) -> int:
-        """The source with the largest promise + path delta among those followed and worth following, or NONE.
+        """Return the source with the largest promise + path delta of those followed and worth following, or NONE.
 
-        Before any was followed it is the one that promises most.
+        Before any was followed, it is the one with the largest promise.
         """
         promises = self._sources.v[:, self._dynamics.start]
         if not self._paths.followed.any():

@@ -1,4 +1,4 @@
-"""delta_select_es: explicit shaping by that one of several sources whose delta is smallest, or by none."""
+"""delta_select_es: explicit shaping by the source of a library whose delta is smallest, or by none."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from trainables.numerics.matmul import F32
 from trainables.tasks.rollout import Transitions
 
 EPSILONS = (0.0, 0.1, 0.4, 1.0)
-"""Where delta on a source's own task is measured; in between it is interpolated."""
+"""Values of epsilon at which delta on a source's own task is measured; in between it is interpolated."""
 
 
 class Selection(ExplicitShaping):
     """The advice kappa_t exp(-e_k) A_src,k of the source k with the smallest excess e_k, or none over the threshold.
 
-    e_k is what the mean |delta_k| of recent transitions, less z standard errors over episodes, exceeds the mean
-    |delta_k| on the source's own task by; 0 where it does not. Of those with equal e_k the smaller |delta_k| counts.
-    There the source is followed with the exploration that the transitions were made with (`floor: exploring`), because
-    a network errs most where its own policy does not go.
+    e_k is the excess of the mean |delta_k| of recent transitions, minus z standard errors over episodes, over the mean
+    |delta_k| on the source's own task, or 0 if negative; the smaller |delta_k| breaks ties. On its own task the source
+    is followed with the same exploration as in the transitions (`floor: exploring`), since the errors of a network are
+    largest where its policy does not go.
     """
 
     def __init__(
@@ -43,17 +43,17 @@ class Selection(ExplicitShaping):
         super().__init__(settings, sources[0], None, steps)
         self._sources, self._floors = sources, floors
         self._floor = floors[:, 0]
-        """Of each source, for the transitions in `_sums`."""
+        """(K,): mean |delta| on the own task of each source, at the exploration of the transitions in `_sums`."""
         self._floor_sums = np.zeros(len(sources))
         self._sums = np.zeros((3, len(sources)))
-        """Of |delta|, of its square, and of the transitions: all fading."""
+        """(3, K): exponentially weighted sums of |delta|, of its square, and of the number of transitions."""
         self._episodes = 0.0
         self._at, self.chosen = 0, 0
-        """The best source; and the chosen one, NONE where the best is over the threshold."""
+        """The best source; the chosen one, NONE where the best is over the threshold."""
         self._excess = np.zeros(1, np.float32)
 
     def observe(self, seen: Transitions, episodes: int, epsilon: float) -> None:
-        """Take in transitions made with that epsilon, the newest in episode number `episodes`, and choose anew."""
+        """Use transitions made with this epsilon, the newest in episode number `episodes`, and choose again."""
         fade = math.exp((self._episodes - episodes) / self.settings.memory)
         self._episodes = float(episodes)
         self._sums *= fade
@@ -72,33 +72,33 @@ class Selection(ExplicitShaping):
 
     @property
     def excess(self) -> float:
-        """e_k of the best source."""
+        """Return e_k of the best source."""
         return float(self._excess[0])
 
     def _estimates(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean |delta_k| and e_k of every source."""
+        """Return the mean |delta_k| and e_k of every source."""
         mean, square = self._sums[:2] / np.maximum(self._sums[2], 1e-300)
         sd = np.sqrt(np.maximum(square - mean**2, 0.0))
         episodes = max(1.0, min(self._episodes, self.settings.memory))
         return mean, np.maximum(mean - self.settings.z * sd / math.sqrt(episodes) - self._floor, 0.0)
 
     def follows(self) -> Follows:
-        """The chosen source and its excess; nothing without one."""
+        """Return the chosen source and its excess; nothing without one."""
         return Follows() if self.chosen == NONE else Follows(self.source, None, self._excess)
 
     def factor(self, observations: F32) -> F32:
-        """exp(-e_k), (n,); 0 where no source is chosen."""
+        """Return exp(-e_k), (n,); 0 where no source is chosen."""
         value = 0.0 if self.chosen == NONE else math.exp(-self.excess)
         return np.full(len(observations), value, np.float32)
 
     def state(self) -> dict[str, Any]:
-        """What decides how it goes on."""
+        """Return what training depends on, for a checkpoint."""
         numbers = super().state() | {"episodes": self._episodes, "chosen": self.chosen, "at": self._at}
         floors = {"floor": self._floor.copy(), "floor_sums": self._floor_sums.copy()}
         return numbers | floors | {"sums": self._sums.copy(), "excess": self._excess.copy()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         super().restore(state)
         self._sums[:] = state["sums"]
         self._floor, self._floor_sums = (np.array(state[name]) for name in ("floor", "floor_sums"))
@@ -109,17 +109,17 @@ class Selection(ExplicitShaping):
 
 
 class ObservedTargets(TargetCache):
-    """The targets of Q, which show each new transition to the selection when they are computed."""
+    """The targets of Q; when they are computed, the selection gets the new transitions."""
 
     def __init__(
         self, replay: Replay, target: Network, selection: Selection, gamma: float, now: Callable[[], tuple[int, float]]
     ) -> None:
-        """now: the number of the episode, and its epsilon."""
+        """now: returns the number of the episode, and its epsilon."""
         super().__init__(replay, target, selection, gamma)
         self._selection, self._now = selection, now
 
     def refresh(self, replay: Replay) -> None:
-        """Compute what is stale, and choose the source anew."""
+        """Compute stale targets, and choose the source again."""
         super().refresh(replay)
         for part in replay.newest(self.stale_delta):
             self._selection.observe(replay.transitions(part), *self._now())

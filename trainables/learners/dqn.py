@@ -1,4 +1,4 @@
-"""The deep agents: DQN, and Algorithm 2 with each way of using a source beside it, in one step loop.
+"""The learner of the deep agents: DQN, and Algorithm 2 with each use of a source, in one loop.
 
 The numbers in the comments of `_step` and `_learn` are the lines of Algorithm 2.
 """
@@ -35,7 +35,7 @@ from trainables.tasks.step_env import Environment
 
 
 class DeepLearner:
-    """One deep agent at work on one task: its networks, replay buffer, counts and random streams."""
+    """The learner of one cell of a deep agent: its networks, replay buffer, counts and random streams."""
 
     def __init__(self, cell: Cell, source: Knowledge | None) -> None:
         settings = cell.settings
@@ -58,7 +58,7 @@ class DeepLearner:
         self._best, self._best_return = self._q.vector(), -math.inf
 
     def _build_networks(self, cell: Cell) -> None:
-        """Line 2 of Algorithm 2, and the target network."""
+        """Build the networks of line 2 of Algorithm 2, and the target network."""
         settings, shape = self._settings, (self._env.inputs, self._env.actions)
         generator = torch.Generator()
         generator.manual_seed(int(seed_sequence(cell.seed, "network_init", cell.task).generate_state(1)[0]))
@@ -67,18 +67,18 @@ class DeepLearner:
         self._target.load_vector(self._q.vector())
         self._delta: Network | None = None
         if self._strategy.learns_delta:
-            squared = settings.model_copy(update={"loss": "squared"})  # eq. (4)'s loss, whatever Q's is
+            squared = settings.model_copy(update={"loss": "squared"})  # the loss of eq. (4), whatever that of Q
             rate = getattr(settings, "delta_learning_rate", settings.learning_rate)
             self._delta = new_network(squared, *shape, rate, generator, beside=self._q)
 
     @property
     def _strategy(self) -> type[Advice]:
-        """How the source is used: the class that the hyperparameters name."""
+        """Return the class that the hyperparameters name for the use of the source."""
         strategy: type[Advice] = entry(self._settings.advice)
         return strategy
 
     def _make_advice(self, cell: Cell, source: Knowledge | None) -> Advice:
-        """The advice of the source; none where there is no source, or the agent wants none."""
+        """Return the source's advice; none without a source, or where the agent uses none."""
         if source is None or not cell.sources:
             return Advice(self._settings)
         named = cell.sources[0]
@@ -88,7 +88,7 @@ class DeepLearner:
 
     @property
     def steps(self) -> int:
-        """Training steps so far."""
+        """Return the training steps so far."""
         return self._steps
 
     def run(self, episodes: int) -> None:
@@ -103,7 +103,7 @@ class DeepLearner:
         self._since += episodes
 
     def _run_compiled(self, observation: F32) -> bool:
-        """Run a whole episode as one compiled function, equal to `_step` bit for bit; whether there is one."""
+        """Run an episode as one compiled function, equal to `_step` bit for bit; return whether there is one."""
         loop = self._late_loop if self._loop is None and not self._advice.kappa else self._loop
         if loop is None:
             return False
@@ -116,12 +116,12 @@ class DeepLearner:
 
     @functools.cached_property
     def _loop(self) -> EpisodeLoop | None:
-        """The compiled episodes; None where `_step` takes the steps, or somebody's own method in its place."""
+        """Return the compiled episodes; None where `_step`, or a subclass's method, must take the steps."""
         return self._compiled(advised=True)
 
     @functools.cached_property
     def _late_loop(self) -> EpisodeLoop | None:
-        """The compiled episodes for when the advice has ended, whatever it was."""
+        """Return the compiled episodes for the time after the advice, whatever it was."""
         return self._compiled(advised=False)
 
     def _compiled(self, advised: bool) -> EpisodeLoop | None:
@@ -151,7 +151,7 @@ class DeepLearner:
         return next_observation, terminated or truncated
 
     def _action(self, observation: F32) -> int:
-        """Epsilon-greedy on the values of eq. (5), unless the source acts."""
+        """Return the epsilon-greedy action on the values of eq. (5), unless the source acts."""
         rng = self._rngs["exploration"]
         if self._advice.kappa and (guided := self._advice.guided(observation)) is not None:
             return guided
@@ -189,7 +189,7 @@ class DeepLearner:
         return f"the loss is {loss} at {where}: the values diverged (learning_rate {self._settings.learning_rate:g})"
 
     def evaluate(self) -> EvalPoint:
-        """The mean greedy return now, over episodes that training never sees."""
+        """Return a point with the mean greedy return, over episodes with a separate random stream."""
         count = self._settings.evaluation_episodes
         while len(self._evaluation_envs) < count:
             self._evaluation_envs.append(Environment(make_env(self._task)))
@@ -205,7 +205,7 @@ class DeepLearner:
         return point
 
     def preferences(self, observations: F32) -> F32:
-        """Return what greedy evaluation maximises, (n, actions), at observations (n, inputs)."""
+        """Return the values (n, actions) that greedy evaluation maximises, at observations (n, inputs)."""
         return self._advice.evaluated(self._q.rows(observations), observations)
 
     def _statistics(self) -> dict[str, float]:
@@ -219,16 +219,16 @@ class DeepLearner:
         return statistics | advice.statistics(self._remembered_states()) | advice.advised_statistics()
 
     def _spread(self) -> NDArray[np.int64]:
-        """The places of as many transitions as a minibatch has, spread evenly over the replay buffer."""
+        """Return the indices of a minibatch's number of transitions, spread evenly over the replay buffer."""
         size = self._replay.size
         return np.linspace(0, size - 1, min(size, self._settings.batch_size)).astype(np.int64)
 
     def _remembered_states(self) -> F32:
-        """As many states as a minibatch has, spread evenly over the replay buffer, (n, inputs)."""
+        """Return a minibatch's number of states, spread evenly over the replay buffer, (n, inputs)."""
         return self._replay.memory.observations[self._spread()]
 
     def knowledge(self) -> Knowledge:
-        """The last and the best-evaluated Q, for a later transfer."""
+        """Return the last and the best-evaluated Q, for a later transfer."""
         return Knowledge(
             {
                 "sizes": self._q.sizes.copy(),
@@ -247,7 +247,7 @@ class DeepLearner:
     _COUNTS = ("_episode", "_steps", "_losses", "_updates", "_returns", "_since", "_best_return")
 
     def state(self) -> dict[str, Any]:
-        """Everything that decides how training goes on, between two episodes."""
+        """Return everything on which further training depends, between two episodes."""
         return {
             "counts": {name: getattr(self, name) for name in self._COUNTS},
             "rngs": {role: rng.bit_generator.state for role, rng in self._rngs.items()},
@@ -262,7 +262,7 @@ class DeepLearner:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned; what follows is then equal bit for bit."""
+        """Restore what `state` returned; training then continues bit for bit as before."""
         for name in self._COUNTS:
             setattr(self, name, state["counts"][name])
         for role, rng in self._rngs.items():

@@ -1,4 +1,4 @@
-"""Greedy evaluation over many environments at once: one forward pass per step for all that still run."""
+"""Greedy evaluation in many environments at once, with one forward pass per step for all running ones."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from trainables.tasks.step_env import Environment
 def greedy_returns(
     environments: Sequence[Environment], seeds: Sequence[int], policy: Callable[[F32], F32], gamma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(undiscounted, discounted) returns (n,) of one episode in each environment.
+    """Return the (undiscounted, discounted) returns (n,) of one episode in each environment.
 
-    policy: observations (n, inputs) to preferences (n, actions); the first of the largest is taken.
+    policy: observations (n, inputs) to preferences (n, actions); ties go to the lowest action.
     """
     observations = np.stack([env.reset(seed) for env, seed in zip(environments, seeds, strict=True)])
     total, discounted = np.zeros(len(environments)), np.zeros(len(environments))
@@ -46,7 +46,7 @@ def _simulate(
     total: NDArray[np.float64],
     discounted: NDArray[np.float64],
 ) -> None:
-    """`greedy_returns` for episodes of one compiled simulator, from their first observations on."""
+    """Compute `greedy_returns` for episodes of a compiled simulator, from their first observations on."""
     simulator = environments[0].simulator
     assert simulator is not None
     states = np.stack([env.state for env in environments])

@@ -1,4 +1,4 @@
-"""What a learner is: an agent at work on one task, and how it is made."""
+"""The interface of learners, and how they are built."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ log = logging.getLogger("deltatune.learners")
 
 
 class Learner(Protocol):
-    """An agent at work on one task. `Agent.learner` names a class that is built from (cell, source)."""
+    """Trains one cell. `Agent.learner` names a class that is built from (cell, source)."""
 
     def run(self, episodes: int) -> None:
-        """Train for that many more episodes."""
+        """Train for `episodes` more episodes."""
 
     def evaluate(self) -> EvalPoint:
-        """The next point of the evaluation curve."""
+        """Return the next point of the evaluation curve."""
 
     def knowledge(self) -> Knowledge:
-        """What has been learned so far."""
+        """Return what has been learned so far."""
 
 
 @runtime_checkable
@@ -33,14 +33,14 @@ class Resumable(Learner, Protocol):
     """A learner whose whole state can be saved between two evaluations."""
 
     def state(self) -> dict[str, Any]:
-        """Arrays and plain data that `checkpoint.save` accepts."""
+        """Return arrays and plain data that `checkpoint.save` accepts."""
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned; what follows is equal bit for bit."""
+        """Restore what `state` returned; training then continues bit for bit as before."""
 
 
 def prepare(agents: Iterable[str]) -> None:
-    """Import what the learners of some agents need, which takes seconds the first time in a process."""
+    """Import the learners of some agents, which takes seconds the first time in a process."""
     for name in agents:
         try:
             entry(agent_named(name).learner)
@@ -49,7 +49,7 @@ def prepare(agents: Iterable[str]) -> None:
 
 
 def new_learner(cell: Cell, source: Knowledge | None) -> Learner:
-    """The learner of `cell`, before its first episode."""
+    """Return a new learner of `cell`."""
     agent = agent_named(cell.agent)
     learner: Learner = entry(agent.learner)(cell, source)
     return learner

@@ -1,7 +1,7 @@
-"""The tabular agents: Q-learning and every way of using Q_src beside it, in one episode loop.
+"""The learner of the tabular agents: Q-learning and every use of Q_src, in one episode loop.
 
-The loop is Algorithm 1 of the paper with line 4's test replaced by the agent's own (`Reuse`); the numbers in its
-comments are that algorithm's lines.
+The loop is Algorithm 1 of the paper with the test in line 4 replaced by that of the agent (`Reuse`); the numbers in its
+comments are the lines of that algorithm.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Reuse(IntEnum):
 
 
 class Tables(NamedTuple):
-    """What the loop reads and writes. Arrays are (S, A) unless said."""
+    """The tables that the loop reads and writes. Arrays are (S, A) unless stated."""
 
     q: NDArray[np.float64]
     """Q_trg."""
@@ -57,7 +57,7 @@ class Tables(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """The numbers of eq. (1), and which agent this is."""
+    """The constants of eq. (1), and those of the agent."""
 
     reuse: int
     has_source: bool
@@ -68,12 +68,12 @@ class Rule(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """Running counts, each in an array of one element so that the loop can add to it."""
+    """Running counts, each in an array of one element, to which the loop can add."""
 
     over: NDArray[np.int64]
     """Pairs over the threshold now; the gate is open iff 0."""
     flips: NDArray[np.int64]
-    """Times that the gate opened or closed."""
+    """How often the gate opened or closed."""
     open_steps: NDArray[np.int64]
     steps: NDArray[np.int64]
 
@@ -92,7 +92,7 @@ def run_episodes(
     env_rng: np.random.Generator,
     explore_rng: np.random.Generator,
 ) -> float:
-    """Train for len(epsilons) episodes, with that epsilon and psi in each; the sum of their returns."""
+    """Train for len(epsilons) episodes, each with its epsilon and psi; return the sum of their returns."""
     total = 0.0
     actions = tables.q.shape[1]
     for episode in range(len(epsilons)):
@@ -130,7 +130,7 @@ def run_episodes(
 
 
 class TabularLearner(InPlace):
-    """One tabular agent at work on one task: its tables, counts and random streams."""
+    """The learner of one cell of a tabular agent: its tables, counts and random streams."""
 
     def __init__(self, cell: Cell, source: Knowledge | None) -> None:
         settings = cell.settings
@@ -172,7 +172,7 @@ class TabularLearner(InPlace):
         self._training_return = total / episodes
 
     def evaluate(self) -> EvalPoint:
-        """The exact return of the greedy policy now, with delta's statistics since the last call."""
+        """Return a point with the exact return of the greedy policy, and delta's statistics since the last call."""
         policy = self.policy()
         key = policy.tobytes()
         if key != self._evaluated[0]:
@@ -184,7 +184,7 @@ class TabularLearner(InPlace):
         return EvalPoint(self._episode, steps, *returns, self._training_return, statistics)
 
     def knowledge(self) -> Knowledge:
-        """Q_trg, for a later transfer."""
+        """Return Q_trg, for a later transfer."""
         return Knowledge({"q": self._tables.q.copy()})
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
@@ -192,7 +192,7 @@ class TabularLearner(InPlace):
         return {"q": self._tables.q, **delta, **self._counts._asdict()}
 
     def policy(self) -> NDArray[np.int64]:
-        """Return what greedy evaluation follows, (S,).
+        """Return the policy of greedy evaluation, (S,).
 
         Gated agents: the source's while the gate is open. Direct reuse: the source's. Others: argmax Q_trg.
         """
@@ -203,7 +203,7 @@ class TabularLearner(InPlace):
         return greedy
 
     def _psi(self, episodes: NDArray[np.int64]) -> NDArray[np.float64]:
-        """psi_e = psi_start nu^e, multiplied up one episode at a time from the first."""
+        """Return psi_e = psi_start nu^e, as a product from the first episode on."""
         if not isinstance(self._settings, ProbabilisticPolicyReuse):
             return np.zeros(len(episodes))
         factors = np.full(int(episodes[-1]) + 1, self._settings.nu)
@@ -254,7 +254,7 @@ def _rule(settings: QLearning, has_source: bool) -> Rule:
 
 
 def calibrated(cell: Cell, q_src: NDArray[np.float64], rule: DeltaRule) -> DeltaRule:
-    """The rule with the noise floor of the cell's source over as many episodes as the cell has."""
+    """Return the rule with the noise floor of the cell's source, over as many episodes as the cell has."""
     settings = cell.settings
     floor = noise_floor(cell.sources[0].task, q_src, rule, settings.gamma, settings.episodes, cell.seed)
     return rule._replace(threshold=floor)

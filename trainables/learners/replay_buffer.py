@@ -15,11 +15,11 @@ from trainables.tasks.rollout import Transitions
 I64 = NDArray[np.int64]
 
 BLOCK = 1024
-"""Minibatches whose indices are drawn together."""
+"""Minibatches whose indices are drawn at once."""
 
 
 class Memory(NamedTuple):
-    """What is remembered: one transition a row."""
+    """The transitions of the replay buffer, one per row."""
 
     observations: F32
     """(capacity, inputs)."""
@@ -29,14 +29,14 @@ class Memory(NamedTuple):
     """(capacity, inputs)."""
     terminated: NDArray[np.bool_]
     cut: NDArray[np.bool_]
-    """Whether Q's target ends here: where terminated, and by the agent's choice where truncated."""
+    """Whether the target of Q does not bootstrap: where terminated, and if the agent says so where truncated."""
 
 
 class Batch(NamedTuple):
-    """A minibatch, B transitions; the next one overwrites it."""
+    """A minibatch of B transitions; the next one overwrites it."""
 
     indices: I64
-    """(B,): where they are remembered."""
+    """(B,): their indices in the buffer."""
     observations: F32
     """(inputs, B), flat: the batch is last."""
     actions: I64
@@ -61,10 +61,10 @@ def gather(
     head: int,
     stale: int,
 ) -> bool:
-    """Fill a minibatch; whether it holds one of the `stale` newest transitions, those before `head`.
+    """Fill a minibatch; return whether it has one of the `stale` newest transitions, which are before `head`.
 
-    Shapes as in `Memory` and `Batch`, targets (2, capacity) and batch_targets (2, B): those of Q, then of delta. Flat,
-    for numba looks at each array of a named tuple anew in every call from Python.
+    Shapes as in `Memory` and `Batch`; targets (2, capacity) and batch_targets (2, B): those of Q, then of delta. The
+    arguments are no named tuples, since numba would unpack these in every call from Python.
     """
     capacity, inputs = observations.shape
     count = len(drawn)
@@ -83,15 +83,15 @@ def gather(
 
 
 class Targets(Protocol):
-    """What `sample` asks of the targets (`TargetCache`)."""
+    """The interface of the targets for `sample` (`TargetCache`)."""
 
     targets: F32
     """(2, capacity): those of Q, then of delta."""
     stale: int
-    """How many of the newest transitions have no valid target of Q."""
+    """Number of the newest transitions without a valid target of Q."""
 
     def refresh(self, replay: Replay) -> None:
-        """Compute what is stale."""
+        """Compute the stale targets."""
 
 
 class Replay:
@@ -123,7 +123,7 @@ class Replay:
     def add(
         self, observation: F32, action: int, reward: float, next_observation: F32, terminated: bool, cut: bool
     ) -> None:
-        """Remember one transition in place of the oldest."""
+        """Add a transition, replacing the oldest if the buffer is full."""
         memory, at = self.memory, self.head
         memory.observations[at] = observation
         memory.next_observations[at] = next_observation
@@ -136,7 +136,7 @@ class Replay:
             self.size += 1
 
     def sample(self, targets: Targets) -> Batch:
-        """Draw a minibatch, its targets up to date."""
+        """Draw a minibatch with valid targets."""
         self.next += 1
         if self.next >= len(self.drawn):
             self.draw()
@@ -146,7 +146,7 @@ class Replay:
         return self.batch
 
     def _fill(self, targets: Targets) -> bool:
-        """Fill the minibatch drawn last, by 32 random bits for each transition; whether a target in it is stale."""
+        """Fill the minibatch drawn last, by 32 random bits per transition; return whether a target in it is stale."""
         memory, batch = self.memory, self.batch
         return gather(
             self.drawn[self.next], memory.observations, memory.actions, targets.targets,
@@ -155,14 +155,14 @@ class Replay:
         )  # fmt: skip
 
     def transitions(self, part: slice | I64) -> Transitions:
-        """Return the transitions in a slice, or at some places."""
+        """Return the transitions in a slice or at indices."""
         m = self.memory
         return Transitions(
             m.observations[part], m.actions[part], m.rewards[part], m.next_observations[part], m.terminated[part]
         )
 
     def newest(self, count: int) -> Iterator[slice]:
-        """The slices that the `count` newest transitions lie in."""
+        """Return the slices with the `count` newest transitions."""
         if count > self.head:
             yield slice(self.capacity - (count - self.head), self.capacity)
         if count and self.head:
@@ -176,13 +176,13 @@ class Replay:
         self.next = 0
 
     def state(self) -> dict[str, Any]:
-        """Return everything, for a checkpoint; of the arrays what has been filled."""
+        """Return everything for a checkpoint, of the arrays only the filled part."""
         arrays = {name: column[: self.size].copy() for name, column in self.memory._asdict().items()}
         numbers = {"size": self.size, "head": self.head, "drawn": len(self.drawn), "next": self.next}
         return arrays | numbers | {"rng": self._before_draw}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         self.size, self.head = int(state["size"]), int(state["head"])
         for name, column in self.memory._asdict().items():
             column[: self.size] = state[name]

@@ -1,5 +1,6 @@
-"""A tabular learner in plain Python, to be derived from: a custom agent says how it acts, and where it differs how it
-learns. About a hundredth of the compiled loop's speed.
+"""A tabular learner in plain Python, as a base class for custom agents, which override how it acts or learns.
+
+It has about a hundredth of the speed of the compiled loop.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ class StepLearner:
     q_src: NDArray[np.float64]
     """(S, A): Q_src; zeros without a source."""
     rng: np.random.Generator
-    """For everything that is drawn while acting."""
+    """The random stream of the agent's actions."""
     epsilon: float
-    """Of this episode."""
+    """epsilon of this episode."""
 
     def __init__(self, cell: Cell, source: Knowledge | None) -> None:
-        """Raises InputError for a source of another shape than the task's."""
+        """Raise InputError for a source of another shape than the task's."""
         task = parse_task(cell.task)
         self.settings, self._model, self._env = cell.settings, task.model(), make_env(task)
         assert isinstance(self.settings, QLearning)
@@ -48,23 +49,23 @@ class StepLearner:
         self._return: float | None = None
 
     def act(self, state: int) -> int:
-        """The action to take: epsilon-greedy on Q_trg."""
+        """Return the action to take: epsilon-greedy on Q_trg."""
         if self.rng.random() < self.epsilon:
             return int(self.rng.integers(self.q.shape[1]))
         return int(self.q[state].argmax())
 
     def learn(self, state: int, action: int, reward: float, next_state: int, terminated: bool) -> None:
-        """Learn from one step; `terminated`: nothing comes after `next_state`."""
+        """Learn from one step. terminated: whether `next_state` is terminal."""
         future = 0.0 if terminated else self.settings.gamma * self.q[next_state].max()
         self.q[state, action] += self.settings.learning_rate * (reward + future - self.q[state, action])
 
     def policy(self) -> NDArray[np.int64]:
-        """(S,): the actions that greedy evaluation follows: argmax Q_trg."""
+        """Return the policy of greedy evaluation (S,): argmax Q_trg."""
         greedy: NDArray[np.int64] = self.q.argmax(axis=1)
         return greedy
 
     def statistics(self) -> dict[str, float]:
-        """What else to report at an evaluation, by name."""
+        """Return further statistics to report at an evaluation, by name."""
         return {}
 
     def run(self, episodes: int) -> None:
@@ -89,7 +90,7 @@ class StepLearner:
         return total
 
     def evaluate(self) -> EvalPoint:
-        """The exact return of `policy` now."""
+        """Return a point with the exact return of `policy`."""
         returns = expected_return(self._model, np.asarray(self.policy(), np.int64), self.settings.gamma)
         return EvalPoint(self._episode, self._steps, *returns, self._return, self.statistics())
 
@@ -98,5 +99,5 @@ class StepLearner:
         self._env.close()
 
     def knowledge(self) -> Knowledge:
-        """Q_trg, for a later transfer."""
+        """Return Q_trg, for a later transfer."""
         return Knowledge({"q": self.q.copy()})

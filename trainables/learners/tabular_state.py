@@ -1,4 +1,4 @@
-"""Saving and restoring the tabular learners, whose compiled loops change their arrays where they are."""
+"""Checkpointing for tabular learners, whose compiled loops update arrays in place."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class InPlace(ABC):
-    """`state` and `restore` of a learner that is its arrays, its random streams and where it stands."""
+    """Implements `state` and `restore` for a learner that consists of arrays, random streams and counters."""
 
     _env_rng: np.random.Generator
     _explore_rng: np.random.Generator
@@ -21,10 +21,10 @@ class InPlace(ABC):
 
     @abstractmethod
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        """Every array that training changes, by name."""
+        """Return every array that training changes, by name."""
 
     def state(self) -> dict[str, Any]:
-        """Everything that decides how training goes on, between two episodes."""
+        """Return everything on which further training depends, between two episodes."""
         return {
             "arrays": {name: array.copy() for name, array in self._arrays().items()},
             "rngs": [rng.bit_generator.state for rng in (self._env_rng, self._explore_rng)],
@@ -34,7 +34,7 @@ class InPlace(ABC):
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned; what follows is then equal bit for bit."""
+        """Restore what `state` returned; training then continues bit for bit as before."""
         for name, array in self._arrays().items():
             array[...] = state["arrays"][name]
         for rng, saved in zip((self._env_rng, self._explore_rng), state["rngs"], strict=True):

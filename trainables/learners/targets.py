@@ -1,4 +1,4 @@
-"""The targets that Q and delta learn towards, kept beside the replay buffer, for they change seldom."""
+"""The targets of Q and delta, cached for the transitions of the replay buffer, since they rarely change."""
 
 from __future__ import annotations
 
@@ -33,30 +33,30 @@ def delta_target(reward: F32, gamma: np.float32, v_src_next: F32, q_src: F32) ->
 
 
 class TargetCache:
-    """Both targets of every remembered transition, and which of them are stale.
+    """Both targets of every transition in the replay buffer, and which of them are stale.
 
-    Between two copies to the target network a TD target does not change, and delta's target never does. Each is
-    computed when a minibatch first needs it, for all transitions that came in meanwhile.
+    A TD target does not change between two copies to the target network, and a target of delta never does. Each is
+    computed when a minibatch first needs it, for all transitions added meanwhile.
     """
 
     def __init__(self, replay: Replay, target: Network, advice: Advice, gamma: float) -> None:
         self.targets = np.zeros((2, replay.capacity), np.float32)
         self.td, self.delta = self.targets
         self.stale = self.stale_delta = 0
-        """How many of the newest transitions have no valid target yet."""
+        """Number of the newest transitions without a valid target."""
         self._target, self._advice, self._gamma = target, advice, np.float32(gamma)
 
     def added(self, size: int) -> None:
-        """Count one more transition among the `size` that are remembered."""
+        """Count a new transition; the buffer now has `size`."""
         self.stale = min(self.stale + 1, size)
         self.stale_delta = min(self.stale_delta + 1, size)
 
     def target_copied(self, size: int) -> None:
-        """Take every TD target for stale: the target network is another one."""
+        """Mark every TD target as stale, since the target network has changed."""
         self.stale = size
 
     def refresh(self, replay: Replay) -> None:
-        """Compute what is stale."""
+        """Compute the stale targets."""
         for part in replay.newest(self.stale):
             self.td[part] = self._td_targets(replay.transitions(part), replay.memory.cut[part])
         self.stale = 0
@@ -75,10 +75,10 @@ class TargetCache:
         return delta_target(seen.rewards, self._gamma, *v_and_q(self._advice.source, seen))
 
     def state(self) -> dict[str, Any]:
-        """Return everything, for a checkpoint."""
+        """Return everything for a checkpoint."""
         return {"targets": self.targets.copy(), "stale": [self.stale, self.stale_delta]}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         self.targets[:] = state["targets"]
         self.stale, self.stale_delta = map(int, state["stale"])

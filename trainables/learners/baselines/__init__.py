@@ -1,1 +1,1 @@
-"""Other ways of using a source in a deep agent: the baselines that transfer is compared with, a file each."""
+"""Other uses of a source in a deep agent, as baselines for comparison, one module each."""

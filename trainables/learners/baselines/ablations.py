@@ -1,4 +1,4 @@
-"""Algorithm 2 without what its factor says of a state, to see whether it does more than scale the advice."""
+"""Ablations of Algorithm 2, which test whether its factor is informative about states or only scales the advice."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from trainables.numerics.rng import stream
 
 
 class ConstantFactor(DeltaShaping):
-    """One factor for every state: the mean of exp(-max_a |delta(s,a)|) over remembered states, anew each episode."""
+    """One factor for all states: the mean of exp(-max_a |delta(s,a)|) over the replay buffer, updated each episode."""
 
     delta: Network
 
     def begin(self, run: Run) -> None:
-        """Take note of where remembered states come from."""
+        """Keep the access to states in the replay buffer."""
         self._remembered = run.remembered
         self._exponent = np.zeros(1, np.float32)
-        """What stands for delta: exp(-it) is the factor."""
+        """The exponent e of the factor exp(-e), in place of max_a |delta|."""
 
     def episode(self, number: int) -> None:
-        """Compute the factor anew, while there is advice."""
+        """Update the factor while there is advice."""
         states = self._remembered() if self.kappa else self._no_states
         if len(states):
             sizes = largest_delta(self.delta, states).tolist()
             self._exponent[0] = -math.log(max(math.fsum(math.exp(-size) for size in sizes) / len(sizes), 1e-30))
 
     def follows(self) -> Follows:
-        """Return the source, and one exponent for every state."""
+        """Return the source, and one exponent for all states."""
         return Follows(self.source, None, self._exponent)
 
     def factor(self, observations: F32) -> F32:
@@ -42,11 +42,11 @@ class ConstantFactor(DeltaShaping):
         return np.full(len(observations), math.exp(-float(self._exponent[0])), np.float32)
 
     def state(self) -> dict[str, Any]:
-        """Return what Algorithm 2 does, and the exponent."""
+        """Return the state of Algorithm 2, and the exponent."""
         return super().state() | {"exponent": self._exponent.copy()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         super().restore(state)
         self._exponent[:] = state["exponent"]
 
@@ -54,32 +54,32 @@ class ConstantFactor(DeltaShaping):
 
 
 class ShuffledFactor(DeltaShaping):
-    """The factor of another state: exp(-max_a |delta(s',a)|), s' drawn anew in every step from remembered states."""
+    """The factor of another state: exp(-max_a |delta(s',a)|), with s' drawn from the replay buffer in every step."""
 
     delta: Network
 
     def begin(self, run: Run) -> None:
-        """Take note of where remembered states come from, with a random stream to draw from them."""
+        """Keep the access to states in the replay buffer, and a random stream to draw from them."""
         self._remembered = run.remembered
         self._rng = stream(run.cell.seed, "advice", run.cell.task)
         self._states = run.remembered()
 
     def episode(self, number: int) -> None:
-        """Take the states that are remembered now."""
+        """Fetch states from the replay buffer."""
         self._states = self._remembered()
 
     def best(self, q: F32, observation: F32) -> int:
-        """Return the action of eq. (5) with delta of another state; of its own before any is remembered."""
+        """Return the action of eq. (5) with delta of another state, or of this one while the buffer is empty."""
         other = self._states[self._rng.integers(len(self._states))] if len(self._states) else observation
         delta = self.delta.row(other)
         take_note(self.advised, delta, delta)
         return int(best_action(q, self.source.row(observation), delta, self.kappa))
 
     def state(self) -> dict[str, Any]:
-        """Return what Algorithm 2 does, and the random stream."""
+        """Return the state of Algorithm 2, and the random stream."""
         return super().state() | {"rng": self._rng.bit_generator.state}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         super().restore(state)
         self._rng.bit_generator.state = state["rng"]

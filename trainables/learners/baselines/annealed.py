@@ -1,4 +1,4 @@
-"""Uses of a source that add nothing to Q and fade with kappa, eq. (6)."""
+"""Uses of a source that do not add to Q, and fade with kappa, eq. (6)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from trainables.numerics.matmul import F32
 
 
 class Annealed(ExplicitShaping):
-    """Acts on Q and is evaluated by Q; what it does with the source is weighed by kappa, which ends as that of es."""
+    """Acts on Q and is evaluated by Q; its use of the source is weighted by kappa, which decreases as in es."""
 
     def follows(self) -> Follows:
         """Return nothing: no action is chosen by the source's values."""

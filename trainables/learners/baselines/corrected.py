@@ -13,7 +13,7 @@ from trainables.numerics.matmul import F32
 class CorrectedAdvice(DeltaShaping):
     """Explicit shaping, eq. (3), with the advantage of Q_src + delta in place of A_src.
 
-    Q_src + delta estimates E_trg[r + gamma V_src(s')]: one step of the target's own dynamics, then the source's values.
+    Q_src + delta estimates E_trg[r + gamma V_src(s')]: one step of the target's dynamics, then the source's values.
     """
 
     delta: Network
@@ -32,11 +32,11 @@ class CorrectedAdvice(DeltaShaping):
         return advice
 
     def factor(self, observations: F32) -> F32:
-        """Return 1 at each observation, (n,): delta scales nothing."""
+        """Return 1 at each observation, (n,), since delta does not scale the advice."""
         return np.ones(len(observations), np.float32)
 
     def statistics(self, observations: F32) -> dict[str, float]:
-        """Return what explicit shaping by delta does, and in how many states delta changes the source's action."""
+        """Return the statistics of Algorithm 2, and the share of states where delta changes the source's action."""
         found = super().statistics(observations)
         if len(observations) and not self.delta_rests:
             values = self.source.rows(observations)

@@ -1,4 +1,4 @@
-"""A gated initialisation: the source's values where the target is not yet known."""
+"""A gated initialisation: the source's values where the target is still unknown."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from trainables.tasks.registry import parse_task
 from trainables.tasks.rollout import Rollout, Transitions
 
 EPISODES = 8
-"""Episodes on the source's own task, half of them explored at random, whose states set the bins."""
+"""Episodes on the source's own task, half of them with random actions, whose states define the bins."""
 
 
 class GatedInit(Advice):
-    """The values k(s) Q + (1 - k(s)) Q_src, in choosing actions, in targets and in evaluation.
+    """The values k(s) Q + (1 - k(s)) Q_src for choosing actions, for targets and for evaluation.
 
-    k(s) = min(1, n / known_after) is how far s is known, n the visits to its bin. The bins are quantiles of each input.
+    k(s) = min(1, n / known_after) measures how well s is known; n counts the visits to its bin. The bins are quantiles
+    of each input.
     """
 
     settings: Any
@@ -37,7 +38,7 @@ class GatedInit(Advice):
         self._visits: dict[int, int] = {}
 
     def begin(self, run: Run) -> None:
-        """Lay the bins through the states of the source's own task."""
+        """Define the bins by states of the source's own task."""
         task = run.cell.sources[0].task
         rollout = Rollout(parse_task(task), stream(run.cell.seed, "calibration", task))
         states = [rollout.episode(self.source, float(i % 2)).observations for i in range(EPISODES)]
@@ -64,11 +65,11 @@ class GatedInit(Advice):
         return None
 
     def best(self, q: F32, observation: F32) -> int:
-        """Return the largest of the mixed values."""
+        """Return the action with the largest mixed value."""
         return int(self.evaluated(q[None], observation[None])[0].argmax())
 
     def shape_reward(self, seen: Transitions, values: F32) -> F32:
-        """Return the rewards as they are, and mix the values at s'."""
+        """Return the unchanged rewards, and mix the values at s'."""
         values[:] = self.evaluated(values, seen.next_observations)
         return seen.rewards
 
@@ -79,7 +80,7 @@ class GatedInit(Advice):
         return mixed
 
     def statistics(self, observations: F32) -> dict[str, float]:
-        """Return the mean of k over states (n, inputs), and how many bins were visited."""
+        """Return the mean of k over states (n, inputs), and the number of visited bins."""
         found = {"visited_bins": float(len(self._visits))}
         return found | ({"known": float(self.known(observations).mean())} if len(observations) else {})
 

@@ -10,17 +10,17 @@ from trainables.tasks.registry import parse_task
 from trainables.tasks.rollout import Rollout
 
 EPISODES = 10
-"""Episodes of the source on the target task, whose mean length is the horizon."""
+"""Episodes of the source on the target task; their mean length is the horizon H."""
 
 
 class JumpStart(Annealed):
     """The source takes the first h = kappa H steps of an episode; then the agent acts as DQN does.
 
-    H is the mean length of the source's own episodes on the target task, which it plays before training.
+    H is the mean length of episodes of the source on the target task, which are played before training.
     """
 
     def begin(self, run: Run) -> None:
-        """Play the source on the target task for the horizon."""
+        """Play the source on the target task to measure the horizon."""
         rollout = Rollout(parse_task(run.cell.task), stream(run.cell.seed, "calibration", run.cell.task))
         lengths = [len(rollout.episode(self.source).actions) for _ in range(EPISODES)]
         self._horizon = sum(lengths) / EPISODES
@@ -28,11 +28,11 @@ class JumpStart(Annealed):
 
     @property
     def guide_steps(self) -> int:
-        """h, the steps that the source takes at the start of an episode that begins now."""
+        """Return h, the steps of the source at the start of an episode that begins now."""
         return round(self.kappa * self._horizon)
 
     def episode(self, number: int) -> None:
-        """Take note of h for the episode that begins."""
+        """Compute h for the new episode."""
         self._left = self.guide_steps
 
     def guided(self, observation: F32) -> int | None:

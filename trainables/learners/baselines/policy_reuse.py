@@ -12,11 +12,11 @@ from trainables.networks.network import Network
 from trainables.numerics.matmul import F32
 
 NEGLIGIBLE = 1e-6
-"""A probability below which the source is followed no more."""
+"""Probability below which the source is no longer followed."""
 
 
 class PolicyReuse(Advice):
-    """A step takes the source's action with probability psi = psi_start nu^episode, and DQN's else."""
+    """A step takes the source's action with probability psi = psi_start nu^episode, else that of DQN."""
 
     settings: Any
     source: Network
@@ -29,11 +29,11 @@ class PolicyReuse(Advice):
         self.episode(0)
 
     def begin(self, run: Run) -> None:
-        """Draw from the run's own exploration."""
+        """Use the random stream of the run's exploration."""
         self._exploration = run.exploration
 
     def episode(self, number: int) -> None:
-        """Set psi, which stands for kappa."""
+        """Set psi, which takes the place of kappa."""
         psi = self.settings.psi_start * self.settings.nu**number
         self.kappa = psi if psi >= NEGLIGIBLE else 0.0
 

@@ -1,4 +1,4 @@
-"""Algorithm 2 with a factor that has no unit: what is left of delta over the source's own error, per range of A_src."""
+"""Algorithm 2 with a dimensionless factor: delta's excess over the source's error, divided by the range of A_src."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trainables.tasks.registry import parse_task
 from trainables.tasks.rollout import Rollout, Transitions
 
 EPSILONS = (0.0, 0.1, 0.4, 1.0)
-"""The exploration of the episodes on the source's own task, in turn: the target is explored so too, sooner or later."""
+"""epsilon of the episodes on the source's own task, in turn; exploration on the target covers the same range."""
 EPISODES = 8
 QUANTILE = 0.9
 
@@ -25,8 +25,8 @@ QUANTILE = 0.9
 class RelativeDelta(DeltaShaping):
     """The factor exp(-e(s) / u), where u is the mean range of A_src on the source's own task, and e(s) an excess.
 
-    A second delta network, delta_0, is trained on the source's own task, where delta is the source's error and nothing
-    else. e(s) is what max_a |delta(s,a)| is above delta_0's 90 % quantile there, or max_a |delta(s,a) - delta_0(s,a)|.
+    A second delta network, delta_0, is trained on the source's own task, where delta is only the source's error. e(s)
+    is the excess of max_a |delta(s,a)| over the 90 % quantile of delta_0 there, or max_a |delta(s,a) - delta_0(s,a)|.
     """
 
     delta: Network
@@ -47,7 +47,7 @@ class RelativeDelta(DeltaShaping):
         self._exponent = np.zeros(1, np.float32)
 
     def _trained(self, seen: Transitions, q: Network, generator: torch.Generator, rng: np.random.Generator) -> Network:
-        """Return delta_0: trained as delta is, on the transitions of the source's own task."""
+        """Return delta_0, trained like delta but on transitions of the source's own task."""
         settings = self.settings.model_copy(update={"loss": "squared"})
         shape = seen.observations.shape[1], self.source.rows(seen.observations[:1]).shape[1]
         network = new_network(settings, *shape, settings.delta_learning_rate, generator, beside=q)
@@ -79,8 +79,8 @@ class RelativeDelta(DeltaShaping):
         return np.array([math.exp(-each / self._unit) for each in excess.tolist()], np.float32)
 
     def statistics(self, observations: F32) -> dict[str, float]:
-        """Return what explicit shaping by delta does, and the factor without kappa, the unit and the quantile."""
-        own = {"advice_range": self._unit, "delta_floor": self._quantile}
+        """Return the statistics of Algorithm 2, the factor without kappa, the unit u and the quantile."""
+        found = {"advice_range": self._unit, "delta_floor": self._quantile}
         if len(observations) and not self.delta_rests:
-            own["delta_factor"] = float(self.factor(observations).astype(np.float64).mean())
-        return super().statistics(observations) | own
+            found["delta_factor"] = float(self.factor(observations).astype(np.float64).mean())
+        return super().statistics(observations) | found

@@ -1,4 +1,4 @@
-"""Learning from the source's own transitions beside the target's."""
+"""Learning from transitions of the source in addition to the target's."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from trainables.tasks.rollout import Rollout, Transitions
 
 
 class SourceReplay(Annealed):
-    """Half of each minibatch comes from transitions of the source's policy on its own task, as they are.
+    """Half of each minibatch comes from uncorrected transitions of the source's policy on its own task.
 
-    They are played before training, epsilon-greedily; their number is of the settings. With kappa 0 the minibatches are
-    the target's alone: what a transition of other dynamics says stays wrong.
+    They are collected before training, epsilon-greedily; a hyperparameter sets their number. Once kappa is 0,
+    minibatches come from the target alone, since transitions of other dynamics are biased.
     """
 
     def begin(self, run: Run) -> None:
@@ -37,7 +37,7 @@ class SourceReplay(Annealed):
         self._target = run.target
 
     def learn(self, q: Network, batch: Batch) -> float:
-        """Update Q by the minibatch, whose second half is the source's."""
+        """Update Q by the minibatch with its second half from the source."""
         size = len(batch.actions)
         half, seen = size // 2, self._seen
         at = self._rng.integers(len(seen.actions), size=half)

@@ -10,13 +10,13 @@ from trainables.networks.network import Network
 
 
 class WarmStart(Advice):
-    """No advice: Q and the target network begin as Q_src, all of it or all but the last layer."""
+    """No advice: Q and the target network begin with the weights of Q_src, with or without the last layer."""
 
     settings: Any
     source: Network
 
     def begin(self, run: Run) -> None:
-        """Give Q the source's weights; InputError where they do not fit the network of these settings."""
+        """Give Q the source's weights. Raises InputError where they do not fit the network of the settings."""
         theirs, ours = self.source.sizes.tolist(), run.q.sizes.tolist()
         if theirs != ours:
             raise InputError(

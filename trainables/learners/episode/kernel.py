@@ -1,8 +1,8 @@
 """The steps of an episode of a deep agent as one compiled function, around a compiled simulator.
 
-`DeepLearner._step` is what this must equal bit for bit: the same steps in the same order, by the same kernels.
-The numbers in the comments of `play` are the lines of Algorithm 2. What happens seldom stays in Python: `play` comes
-back for it, says what is to be done, and goes on from there.
+It must equal `DeepLearner._step` bit for bit: the same steps in the same order, by the same kernels. The numbers in the
+comments of `play` are the lines of Algorithm 2. Rare events stay in Python: `play` returns with the reason, and is
+called again to continue.
 """
 
 from __future__ import annotations
@@ -31,35 +31,35 @@ GO_ON, ACTION, OVER, STEPS, UPDATES, LEFT, SIZE, HEAD, NEXT, STALE, STALE_DELTA,
 LOSSES, RETURNS, KAPPA, LOSS = range(4)
 """Places in `sums`."""
 ACT, MOVE, SAMPLE, FILL, COUNT = range(5)
-"""Where in a step `play` goes on."""
+"""Where in a step `play` continues."""
 ENDED, ADVICE_ENDED, DRAW, REFRESH, NOT_FINITE = range(5)
-"""Why `play` came back."""
+"""Why `play` returned."""
 
 
 _update: Any = mlp.update
 _outputs: Any = mlp.outputs
-"""Without their types, for their first arguments come as tuples."""
+"""Without types, since their first arguments come as tuples."""
 
 
 class Options(NamedTuple):
-    """What holds for one call of `play`."""
+    """The constants of one call of `play`."""
 
     epsilon: float
     by_steps: bool
-    """Whether epsilon follows the steps, by the three numbers below, and not `epsilon`."""
+    """Whether epsilon depends on the step, by the three numbers below, instead of `epsilon`."""
     epsilon_end: float
     epsilon_span: float
     epsilon_decay: float
     target_update: int
     cut_truncated: bool
-    """Whether a truncated step is learned from as if it were terminal."""
+    """Whether a truncated step counts as terminal."""
     advised: bool
-    """Whether there is a source whose advice is taken while kappa is not 0."""
+    """Whether a source gives advice while kappa is not 0."""
     follows_delta: bool
-    """Whether the advice reads the delta network, and not a fixed delta."""
+    """Whether the advice uses the delta network instead of a fixed delta."""
     learns_delta: bool
     refreshes: bool
-    """Whether stale targets are computed here: those of a reward that is learned from as it is."""
+    """Whether stale targets are computed here, which needs unshaped rewards."""
     gamma: np.float32
     decrement: float
     """C of eq. (6)."""
@@ -90,7 +90,7 @@ def _remember(
 
 @compiled
 def _td_targets(target: Any, gamma: np.float32, memory: Memory, start: int, stop: int, targets: F32) -> None:
-    """Fill in the targets of Q, line 10, of the transitions from `start` to `stop`."""
+    """Compute the targets of Q, line 10, for the transitions from `start` to `stop`."""
     values = np.empty((stop - start, target[0][-1]), np.float32)
     _outputs(*target, memory.next_observations[start:stop], values)
     for i in range(start, stop):
@@ -100,7 +100,7 @@ def _td_targets(target: Any, gamma: np.float32, memory: Memory, start: int, stop
 
 @compiled
 def _delta_targets(source: Any, gamma: np.float32, memory: Memory, start: int, stop: int, targets: F32) -> None:
-    """Fill in the targets of delta, eq. (4), of the transitions from `start` to `stop`."""
+    """Compute the targets of delta, eq. (4), for the transitions from `start` to `stop`."""
     here = np.empty((stop - start, source[0][-1]), np.float32)
     after = np.empty_like(here)
     _outputs(*source, memory.observations[start:stop], here)
@@ -112,7 +112,7 @@ def _delta_targets(source: Any, gamma: np.float32, memory: Memory, start: int, s
 
 @compiled
 def _refresh(counts: I64, options: Options, memory: Memory, targets: F32, target: Any, source: Any) -> None:
-    """Compute what is stale, as `TargetCache.refresh` does: the newest transitions lie before `head`, round its end."""
+    """Compute stale targets like `TargetCache.refresh`; the newest transitions are before `head`, in a ring."""
     head, capacity, gamma = counts[HEAD], len(memory.actions), options.gamma
     count = counts[STALE]
     if count > head:
@@ -161,7 +161,7 @@ def _choose(
 
 @compiled
 def _fill(counts: I64, memory: Memory, drawn: I64, targets: F32, batch: Batch, batch_targets: F32) -> bool:
-    """Fill the minibatch drawn last; whether a target in it is stale."""
+    """Fill the minibatch drawn last, and return whether a target in it is stale."""
     return gather(
         drawn[counts[NEXT]], memory.observations, memory.actions, targets,
         batch.indices, batch.observations, batch.actions, batch_targets,
@@ -173,7 +173,7 @@ def _fill(counts: I64, memory: Memory, drawn: I64, targets: F32, batch: Batch, b
 def _learn(
     counts: I64, sums: F64, learns_delta: bool, batch: Batch, q: Any, q_last: Any, delta: Any, delta_last: Any
 ) -> bool:
-    """Update both networks; whether the loss is finite."""
+    """Update both networks, and return whether the loss is finite."""
     x, actions, delta_loss = batch.observations, batch.actions, 0.0
     if learns_delta:  # 8, eq. (4)
         counts[DELTA_UPDATES] += 1
@@ -215,10 +215,10 @@ def play(
     fixed_delta: F32,
     advised: F64,
 ) -> int:
-    """Go on with an episode until it ends, or until something is to be done outside: why it came back.
+    """Continue an episode until it ends or Python has to act, and return the reason.
 
-    q, delta, and each with _last: what `mlp.update` takes before and after the minibatch. target, source: what
-    `mlp.outputs` takes first. Each begins with the sizes and the parameters.
+    q, delta, and each with _last: the arguments of `mlp.update` before and after the minibatch. target, source: the
+    first arguments of `mlp.outputs`. Each begins with the sizes and the parameters.
     """
     kind, parameters, controls = physics
     while True:

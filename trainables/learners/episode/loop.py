@@ -1,4 +1,4 @@
-"""The compiled episodes of one learner, and whether it can have them."""
+"""The compiled episodes of a learner, and the conditions for them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from trainables.tasks.step_env import Environment
 
 
 class Progress(NamedTuple):
-    """What training has come to: steps so far, and since the last evaluation losses, updates and returns."""
+    """The state of training: steps so far, and losses, updates and returns since the last evaluation."""
 
     steps: int
     losses: float
@@ -51,7 +51,7 @@ class Progress(NamedTuple):
 
 
 class EpisodeLoop:
-    """The compiled episodes of one learner: what they change are its networks, replay, targets and advice."""
+    """The compiled episodes of one learner, which change its networks, replay buffer, targets and advice."""
 
     def __init__(
         self,
@@ -75,10 +75,10 @@ class EpisodeLoop:
     def episode(
         self, observation: F32, epsilon: float, progress: Progress, remembered: Callable[[], F32]
     ) -> tuple[Progress, float]:
-        """Train for the episode that begins with `observation`: how far training has come, and 0.
+        """Train for the episode that begins with `observation`; return the progress and 0.
 
-        In place of 0 a loss that is not finite: then the episode was broken off. remembered: states that the replay
-        buffer holds, asked for when the advice ends.
+        In place of 0 the loss, where it is not finite and the episode was aborted. remembered: returns states from the
+        replay buffer, called when the advice ends.
         """
         counts, sums, replay = self._counts, self._sums, self._replay
         counts[GO_ON], counts[LEFT] = ACT, self._env.time_limit
@@ -155,8 +155,8 @@ def episode_loop(
 ) -> EpisodeLoop | None:
     """Return the compiled episodes of a learner, or None where a part of it is not compiled.
 
-    These are an environment without a simulator, a network that is torch's, and advice that computes another way;
-    with `advised` False the advice has ended, and how it computed makes no difference.
+    Such parts are an environment without simulator, a network of torch, and a custom strategy of advice; with
+    `advised` False the advice has ended, and its strategy does not matter.
     """
     kind = type(advice)
     known = kind.decay in (Advice.decay, ExplicitShaping.decay)
