@@ -15,7 +15,7 @@ from orchestrator.analysis.summary_table import COLUMNS, number_table, row
 from orchestrator.export.best_params import write_best
 from orchestrator.results.sweep_folder import Results
 from trainables.errors import InputError
-from trainables.storage.folders import workbench
+from trainables.storage.folders import staged_folder
 
 log = logging.getLogger("deltatune.publish")
 
@@ -43,7 +43,7 @@ def publish(results: Results) -> Published:
     findings = find(results, results.write_tables())
     table = pd.DataFrame([row(group) for group in findings.groups], columns=list(COLUMNS))
     there, missing = results.folder, list[str]()
-    with workbench(there) as folder:
+    with staged_folder(there) as folder:
         table.to_csv(folder / "table.csv", index=False)
         number_table(findings.groups).to_csv(folder / "configurations.csv", index=False)
         best: Path | None = there / "best.yaml"

@@ -21,7 +21,7 @@ from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 from trainables.errors import InputError
-from trainables.plugins.loader import in_words
+from trainables.plugins.loader import describe_error
 from trainables.tasks.registry import parse_task
 from trainables.training.throughput import Rate, measure
 
@@ -170,7 +170,7 @@ class _Costs:
                 self._rates[family] = measure(cell)
             except Exception as error:
                 self._rates[family] = None
-                self.unknown.append(f"{cell.agent} on {cell.task}: {in_words(error)}")
+                self.unknown.append(f"{cell.agent} on {cell.task}: {describe_error(error)}")
         rate = self._rates[family]
         if rate is None:
             return Cost(cell.agent, cell.task, 0.0, 0.0, "not known")

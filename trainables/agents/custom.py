@@ -47,7 +47,7 @@ def _agent(name: str, thing: Any) -> Agent:
         try:
             thing = thing()
         except Exception as error:
-            raise InputError(f"{name} is not an agent: calling it failed ({loader.in_words(error)})") from None
+            raise InputError(f"{name} is not an agent: calling it failed ({loader.describe_error(error)})") from None
     if not isinstance(thing, Agent):
         raise InputError(
             f"{names.short(name)} is not an agent (it is {names.described(thing)}): make one with deltatune.agent"

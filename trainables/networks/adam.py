@@ -1,4 +1,4 @@
-"""Adam on flat parameters, with the gradient scaled down to a largest norm: one pass over all four arrays."""
+"""Adam on flat parameters with clipping of the gradient's norm, in one pass over all four arrays."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from trainables.numerics.matmul import F32, norm
 from trainables.numerics.simd import LANES, broadcast, intrinsic, load, loop, pointer, store, zero
 
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
-"""Torch's defaults."""
+"""The defaults of torch."""
 
 SMALLEST = float(np.finfo(np.float32).tiny)
-"""Moments nearer to 0 become 0: those of dead units decay for ever, and such numbers cost many times as much."""
+"""Moments nearer to 0 become 0, since those of dead units decay to subnormal numbers, which are many times slower."""
 
 BLOCK = 64 * LANES
 
@@ -27,7 +27,7 @@ def _vectors(
     typing: Any, p: Any, m: Any, v: Any, g: Any, start: Any, chunks: Any, scale: Any, keep1: Any, decay2: Any,
     keep2: Any, root: Any, size: Any, epsilon: Any,
 ) -> Any:  # fmt: skip
-    """Take the step of `_one` for chunks * LANES elements from `start`; chunks >= 1."""
+    """Do the step of `_one` for chunks * LANES elements from `start`; chunks >= 1."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         vector = ir.VectorType(ir.FloatType(), LANES)
@@ -68,7 +68,7 @@ def _one(
     p: F32, m: F32, v: F32, i: int, g: np.float32, keep1: np.float32, decay2: np.float32, keep2: np.float32,
     root: np.float32, size: np.float32, epsilon: np.float32,
 ) -> None:  # fmt: skip
-    """Adam's step of one parameter; all numbers have 32 bits."""
+    """Update one parameter by Adam; all numbers have 32 bits."""
     m[i] += keep1 * (g - m[i])
     v[i] = decay2 * v[i] + keep2 * g * g
     if abs(m[i]) < SMALLEST:
@@ -80,7 +80,7 @@ def _one(
 
 @compiled
 def adam(parameters: F32, first: F32, second: F32, gradient: F32, step: int, rate: float, max_norm: float) -> None:
-    """Adam's step number `step` (from 1) with the gradient scaled down to the norm `max_norm`, as torch does both."""
+    """Take step number `step` (from 1) of Adam, with the gradient's norm clipped to `max_norm`, both as in torch."""
     scale = np.float32(min(max_norm / (norm(gradient) + 1e-6), 1.0))
     keep1, keep2 = np.float32(1 - BETA1), np.float32(1 - BETA2)
     decay2, epsilon = np.float32(BETA2), np.float32(EPSILON)

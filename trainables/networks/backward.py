@@ -13,7 +13,7 @@ from trainables.numerics.tiles import MASK, STORE
 
 @compiled
 def _bias_gradient(n: int, e0: int, units: I64, b0: int, n_out: int, work: Workspace) -> None:
-    """Of the bias at b0 from the errors at e0, whose columns are `units`."""
+    """Compute the gradient of the bias at b0 from the errors at e0, whose columns are `units`."""
     rows, edge = padded(work.batch[0]), len(work.panel) // 2
     work.gradient[b0 : b0 + n_out] = 0.0
     for j in range(0, len(units), WIDTH):
@@ -24,7 +24,7 @@ def _bias_gradient(n: int, e0: int, units: I64, b0: int, n_out: int, work: Works
 
 @compiled
 def _first_gradient(n_in: int, n: int, e0: int, units: I64, n_out: int, work: Workspace) -> None:
-    """Of the first layer's weights: X_0 @ E_1, a panel at a time, and transposed."""
+    """Compute the gradient of the first layer's weights: X_0 @ E_1, panel by panel, and transposed."""
     rows, edge = padded(work.batch[0]), len(work.panel) // 2
     left, row = offsets(work, LEFT), offsets(work, ROW)
     for k in range(n):
@@ -46,7 +46,7 @@ def _first_gradient(n_in: int, n: int, e0: int, units: I64, n_out: int, work: Wo
 def _gradient(
     w0: int, n_in: int, n_out: int, n: int, e0: int, units: I64, t0: int, inputs: I64, work: Workspace
 ) -> None:
-    """Of the weights at w0 from the errors at e0, of `units`, and the transposed values at t0, of `inputs`."""
+    """Compute the gradient of the weights at w0 from the errors at e0 (`units`) and the values at t0 (`inputs`)."""
     rows, edge = padded(work.batch[0]), len(work.panel) // 2
     place, row = offsets(work, PLACE), offsets(work, ROW)
     if len(units) < n_out or len(inputs) < n_in:
@@ -78,7 +78,7 @@ def _gradient(
 def _errors_below(
     parameters: F32, w0: int, n_in: int, n: int, e0: int, units: I64, t0: int, inputs: I64, work: Workspace
 ) -> None:
-    """Fill the errors at t0, of `inputs`, from those at e0, of `units`, through the weights at w0 and the ReLU."""
+    """Compute the errors at t0 (`inputs`) from those at e0 (`units`), the weights at w0 and the ReLU."""
     rows, row = padded(work.batch[0]), offsets(work, ROW)
     for i in range(len(units)):
         offsets(work, PLACE)[i] = units[i] * n_in
@@ -100,7 +100,7 @@ def _errors_below(
 
 @compiled
 def backward(sizes: I64, parameters: F32, n: int, work: Workspace) -> None:
-    """Fill `gradient` from E_L, after `forward` of the same n columns."""
+    """Compute `gradient` from E_L, after `forward` with the same n columns."""
     layers, rows = len(sizes) - 1, padded(work.batch[0])
     w0, e0, x0, unit0 = len(parameters), errors_at(sizes, work), int(np.sum(sizes)) * rows, int(np.sum(sizes))
     x0 -= sizes[-1] * rows

@@ -1,4 +1,4 @@
-"""One step of a network's training with a second loss beside its own: the distance from a teacher's policy."""
+"""A training step of a network with a second loss: the distance from a teacher's policy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from trainables.numerics.simd import WIDTH
 def _add_distance(
     sizes: I64, z0: int, batch: int, teacher: F32, weight: float, temperature: float, work: Workspace
 ) -> float:
-    """Add the gradient of the weighted divergence to E_L, and return the divergence, as a sum over the batch."""
+    """Add the gradient of the weighted divergence to E_L; return the divergence, summed over the batch."""
     n_out, rows, e0 = sizes[-1], padded(work.batch[0]), errors_at(sizes, work)
     ours, theirs = np.empty(n_out), np.empty(n_out)
     total, scale = 0.0, weight / (temperature * batch)
@@ -61,9 +61,9 @@ def update(
     max_norm: float,
     huber: bool,
 ) -> float:
-    """`mlp.update` on its loss and `weight` times the mean KL(teacher's softmax, the outputs' softmax).
+    """Do the same as `mlp.update` with `weight` times the mean KL(teacher's softmax, outputs' softmax) in the loss.
 
-    teacher (batch, actions): the values of which it is made, at `temperature`, as that of the outputs.
+    teacher (batch, actions): the values of the teacher; both softmaxes are at `temperature`.
     """
     batch = len(actions)
     load_batch(sizes[0], x, batch, work)

@@ -1,6 +1,6 @@
-"""The compiled arithmetic of a ReLU multilayer perceptron: its outputs, and one step of its training.
+"""The compiled arithmetic of a ReLU multilayer perceptron: its outputs, and one training step.
 
-Parameters lie as torch's `nn.Sequential` of `nn.Linear` orders them: W1 (n1, n0), b1 (n1), W2 (n2, n1), ... .
+Parameters are in the order of torch's `nn.Sequential` of `nn.Linear`: W1 (n1, n0), b1 (n1), W2 (n2, n1), ... .
 Reductions run in a fixed order, so results do not depend on the machine (see `matmul`).
 """
 
@@ -29,9 +29,9 @@ def load_batch(inputs: int, x: F32, n: int, work: Workspace) -> None:
 
 @compiled
 def forward(sizes: I64, parameters: F32, n: int, work: Workspace) -> int:
-    """Fill X_1, ..., X_L from the first n columns of X_0: the offset of X_L in `values`.
+    """Compute X_1, ..., X_L from the first n columns of X_0, and return the offset of X_L in `values`.
 
-    A NaN stays a NaN through the ReLU.
+    The ReLU passes a NaN on.
     """
     layers, columns = len(sizes) - 1, padded(work.batch[0])
     right, row = offsets(work, RIGHT), offsets(work, ROW)
@@ -71,7 +71,7 @@ def _indices(flags: I64) -> int:
 
 @compiled
 def single(sizes: I64, parameters: F32, x: F32, out: F32) -> int:
-    """Outputs of one input x (inputs,): their offset in `out`, which has room for every layer's."""
+    """Compute the outputs for one input x (inputs,); return their offset in `out`, which has space for all layers."""
     layers, w0, x0, z0 = len(sizes) - 1, 0, 0, 0
     source = x
     for layer in range(layers):
@@ -102,9 +102,9 @@ def update(
     max_norm: float,
     huber: bool,
 ) -> float:
-    """One step towards `targets` (batch,) of the outputs of `actions` (batch,) at x (inputs, batch), flat.
+    """Take a step towards `targets` (batch,) for the outputs of `actions` (batch,) at x (inputs, batch), flat.
 
-    The loss, which is returned, is the mean of (output - target)^2, or Huber's with its bend at 1.
+    Return the loss: the mean of (output - target)^2, or the Huber loss with threshold 1.
     """
     batch = len(actions)
     load_batch(sizes[0], x, batch, work)
@@ -116,7 +116,7 @@ def update(
 
 @compiled
 def output_errors(sizes: I64, z0: int, actions: I64, targets: F32, huber: bool, work: Workspace) -> float:
-    """Fill E_L from the outputs at z0: d loss / d output, 0 but for `actions`. Return the loss, as a sum."""
+    """Compute E_L from the outputs at z0: d loss / d output, 0 except for `actions`. Return the loss, as a sum."""
     batch, n_out, rows, e0 = len(actions), sizes[-1], padded(work.batch[0]), errors_at(sizes, work)
     for panel in range(e0, e0 + padded(n_out) * rows, rows * WIDTH):
         work.errors[panel : panel + batch * WIDTH] = 0.0
@@ -139,7 +139,7 @@ def output_errors(sizes: I64, z0: int, actions: I64, targets: F32, huber: bool, 
 
 @compiled
 def outputs(sizes: I64, parameters: F32, work: Workspace, rows: F32, out: F32) -> None:
-    """Outputs (n, actions) of the inputs `rows` (n, inputs)."""
+    """Compute the outputs (n, actions) for the inputs `rows` (n, inputs)."""
     batch, n_in, n_out = work.batch[0], sizes[0], sizes[-1]
     for start in range(0, len(rows), batch):
         n = min(batch, len(rows) - start)

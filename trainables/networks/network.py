@@ -55,7 +55,7 @@ class Network(Protocol):
         """Return parameters and the optimiser's state, for a checkpoint."""
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
 
 
 def new_network(

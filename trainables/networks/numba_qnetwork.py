@@ -1,4 +1,4 @@
-"""The Q-network that the deep agents share: torch outside, hand-written arithmetic over the same memory inside."""
+"""The Q-network of the deep agents: compiled kernels on memory that is shared with a torch module."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trainables.numerics.matmul import F32
 class QNetwork:
     """A ReLU multilayer perceptron with one output per action, and its Adam optimiser.
 
-    parameters: flat float32, in the order of `as_module().parameters()`; all of torch's face shares its memory.
+    parameters: flat float32, in the order of `as_module().parameters()`, which share its memory.
     """
 
     def __init__(
@@ -34,8 +34,8 @@ class QNetwork:
     ) -> None:
         """sizes: inputs, hidden layers, actions. generator: draws the Xavier weights; without one they are 0.
 
-        beside: a network of the same thread whose room for intermediate results this one shares if it is as large,
-        so that two networks trained in turn leave each other more of the cache.
+        beside: a network in the same thread whose workspace this one shares if the sizes are equal; two networks that
+        are trained in turn then use less of the processor's cache.
         """
         self.sizes = np.array(sizes, dtype=np.int64)
         self.parameters = aligned(parameter_count(self.sizes))
@@ -54,12 +54,12 @@ class QNetwork:
             self._initialise(generator)
 
     def _initialise(self, generator: torch.Generator) -> None:
-        """Xavier (Glorot) uniform weights; the biases stay 0."""
+        """Draw Xavier (Glorot) uniform weights; the biases stay 0."""
         for weight in (w for w in self.as_module().parameters() if w.ndim == 2):
             nn.init.xavier_uniform_(weight, generator=generator)
 
     def update(self, observations: F32, actions: NDArray[np.int64], targets: F32) -> float:
-        """One Adam step on the mean squared (or Huber) error of Q(s,a) to the targets (B,); the loss before it.
+        """Take an Adam step on the mean squared (or Huber) error of Q(s,a) to the targets (B,); return the loss before.
 
         observations: (obs_dim, B), flat: the batch is last. actions: (B,).
         """
@@ -75,9 +75,9 @@ class QNetwork:
         weight: float,
         temperature: float,
     ) -> float:
-        """`update` with weight KL(softmax(teacher / temperature), softmax(Q / temperature)) in the loss, as a mean.
+        """Do the same as `update` with weight KL(softmax(teacher / temperature), softmax(Q / temperature)) in the loss.
 
-        teacher: (B, actions).
+        teacher: (B, actions). The divergence is a mean over the batch.
         """
         self.updates += 1
         return distillation.update(
@@ -85,36 +85,36 @@ class QNetwork:
         )
 
     def row(self, observation: F32) -> F32:
-        """Q(s, .) of one observation (obs_dim,), as (actions,). The next call overwrites it."""
+        """Return Q(s, .) (actions,) at one observation (obs_dim,). The next call overwrites it."""
         at = mlp.single(self.sizes, self.parameters, observation, self._row)
         return self._row[at : at + int(self.sizes[-1])]
 
     def rows(self, observations: F32) -> F32:
-        """Q(s, .) of many observations (n, obs_dim), as (n, actions)."""
+        """Return Q(s, .) (n, actions) at observations (n, obs_dim)."""
         out = np.empty((len(observations), int(self.sizes[-1])), np.float32)
         mlp.outputs(*self._read, np.ascontiguousarray(observations), out)
         return out
 
     @property
     def trained(self) -> tuple[tuple[Any, ...], tuple[float, float, bool]]:
-        """What `mlp.update` takes before and after a minibatch and its number."""
+        """Return the arguments of `mlp.update` before and after the minibatch and its number."""
         return self._trained, self._settings
 
     @property
     def read(self) -> tuple[tuple[Any, ...], F32]:
-        """What `mlp.outputs` takes first, and the room of `mlp.single`."""
+        """Return the first arguments of `mlp.outputs`, and the buffer of `mlp.single`."""
         return self._read, self._row
 
     def vector(self) -> F32:
-        """A copy of the parameters, flat."""
+        """Return a copy of the parameters, flat."""
         return self.parameters.copy()
 
     def load_vector(self, vector: F32) -> None:
-        """Take over flat parameters; the optimiser stays as it is."""
+        """Set the parameters to a flat vector; the optimiser stays as it is."""
         self.parameters[:] = vector
 
     def as_module(self) -> nn.Sequential:
-        """The network as torch's own module over the same memory: a step of either is seen by both."""
+        """Return the network as a torch module on the same memory; a step of either changes both."""
         layers: list[nn.Module] = []
         flat, at = torch.from_numpy(self.parameters), 0
         for n_in, n_out in zip(self.sizes[:-1].tolist(), self.sizes[1:].tolist(), strict=True):
@@ -127,15 +127,15 @@ class QNetwork:
         return nn.Sequential(*layers[:-1])
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """A copy of the parameters under the names of `as_module()`."""
+        """Return a copy of the parameters under the names of `as_module()`."""
         return {name: tensor.clone() for name, tensor in self.as_module().state_dict().items()}
 
     def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take over parameters; torch's own error where names or shapes do not fit."""
+        """Set the parameters. Raises torch's error where names or shapes do not fit."""
         self.as_module().load_state_dict(dict(state))
 
     def state(self) -> dict[str, Any]:
-        """Parameters and optimiser, for a checkpoint."""
+        """Return parameters and optimiser, for a checkpoint."""
         return {
             "parameters": self.parameters.copy(),
             "first": self.first.copy(),
@@ -144,7 +144,7 @@ class QNetwork:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         for name in ("parameters", "first", "second"):
             getattr(self, name)[:] = state[name]
         self.updates = int(state["updates"])

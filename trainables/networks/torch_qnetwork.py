@@ -116,7 +116,7 @@ class TorchNetwork:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go back to what `state` returned."""
+        """Restore what `state` returned."""
         self.module.load_state_dict({name: torch.from_numpy(array) for name, array in state["module"].items()})
         full = self._optimiser.state_dict()
         full["state"] = {

@@ -1,8 +1,8 @@
-"""Room for one pass of a batch through a multilayer perceptron, and how matrices lie in it.
+"""The workspace for one pass of a batch through a multilayer perceptron, and the layout of its matrices.
 
 Layers l = 0 (the input) to L (the output) have values X_l (n_l, batch), and errors E_l = d loss / d pre-activation,
-transposed, (batch, n_l). The errors of the last hidden layer are those of the units that were active for a sample of
-the batch: the others add nothing but zeros.
+transposed, (batch, n_l). The errors of a hidden layer only cover units that were active for some sample of the batch,
+since those of the others are 0.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from trainables.numerics.simd import MAX_WIDTH, WIDTH
 
 
 class Workspace(NamedTuple):
-    """Room for one pass over a batch. Matrices are in the panels of `matmul`, one layer after the other."""
+    """Buffers for one pass over a batch. Matrices are in the panels of `matmul`, one layer after the other."""
 
     values: F32
     """X_0, ..., X_L, columns padded to whole panels."""
     errors: F32
-    """E_1, ..., E_L, rows padded to whole panels. On the way down each takes the place of X_l transposed."""
+    """E_1, ..., E_L, rows padded to whole panels. In the backward pass each overwrites X_l transposed."""
     gradient: F32
     """d loss / d parameters."""
     panel: F32
@@ -30,32 +30,32 @@ class Workspace(NamedTuple):
     active: I64
     """Active units of each layer, ascending, as long as the layer."""
     counts: I64
-    """How many they are."""
+    """Number of active units of each layer."""
     lists: I64
-    """Lists of offsets, `LISTS` of them, each as long as the longest layer or the batch, padded."""
+    """`LISTS` lists of offsets, each as long as the longest layer or the batch, padded."""
     batch: I64
-    """The largest batch, one number."""
+    """(1,): the largest batch."""
 
 
 LISTS = 6
 IDENTITY, ROW, ERROR, LEFT, RIGHT, PLACE = range(LISTS)
-"""k; k WIDTH; where column k of errors lies; and three that each product fills as it needs."""
+"""The lists of offsets: k; k WIDTH; that of column k of the errors; and three that each product fills."""
 
 
 def parameter_count(sizes: I64) -> int:
-    """Weights and biases of a network with these layer sizes, input first."""
+    """Return the number of weights and biases of a network with these layer sizes, input first."""
     return int(np.sum((sizes[:-1] + 1) * sizes[1:]))
 
 
 def aligned(count: int) -> F32:
-    """Zeros that start at a cache line."""
+    """Return zeros that start at a cache line."""
     raw = np.zeros(count + 16, np.float32)
     first = (-raw.ctypes.data // 4) % 16
     return raw[first : first + count]
 
 
 def workspace(sizes: I64, batch: int) -> Workspace:
-    """Room for batches of up to `batch`."""
+    """Return a workspace for batches of up to `batch`."""
     columns, units = _whole(batch), sum(_whole(int(size)) for size in sizes[1:])
     longest = max(columns, *(_whole(int(size)) for size in sizes))
     work = Workspace(
@@ -85,7 +85,7 @@ def offsets(work: Workspace, which: int) -> I64:
 
 @compiled
 def _fill_lists(work: Workspace) -> None:
-    """Those that never change. Compiled, since the kernels of a shared cache may be those of another width."""
+    """Fill the lists that never change. Compiled, since kernels of a shared cache may have another width."""
     rows = padded(work.batch[0])
     identity, row, error = offsets(work, IDENTITY), offsets(work, ROW), offsets(work, ERROR)
     for k in range(len(identity)):
@@ -96,7 +96,7 @@ def _fill_lists(work: Workspace) -> None:
 
 @compiled
 def errors_at(sizes: I64, work: Workspace) -> int:
-    """Where E_L lies."""
+    """Return the offset of E_L."""
     at = 0
     for layer in range(1, len(sizes) - 1):
         at += padded(sizes[layer]) * padded(work.batch[0])

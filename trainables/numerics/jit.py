@@ -27,14 +27,14 @@ from platformdirs import user_cache_path
 F = TypeVar("F", bound=Callable[..., object])
 
 MAX_UNUSED_DAYS = 30
-"""Days after which the kernels of a version that nobody has used are removed."""
+"""Days after which unused kernels of another version are removed."""
 
 _IMPORT = re.compile(r"^from trainables\.([\w.]+) import (\([^)]*\)|.*)$", re.MULTILINE)
 _CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b")
 
 
 def _sources(package: Path) -> list[str]:
-    """The text of every file below `package` that decides what its kernels compute."""
+    """Return the text of every file below `package` on which its kernels depend."""
     texts = {file: file.read_text(encoding="utf-8") for file in sorted(package.rglob("*.py"))}
     kernels = {file for file, text in texts.items() if "compiled" in text or "numba" in text}
     frozen = {
@@ -48,7 +48,7 @@ def _sources(package: Path) -> list[str]:
 
 @functools.cache
 def _cache_folder() -> str | None:
-    """A writable folder for compiled kernels, or None where there is none (then each process compiles)."""
+    """Return a writable folder for compiled kernels, or None, where each process then compiles."""
     digest = hashlib.sha256()
     for source in _sources(Path(__file__).parents[1]):
         digest.update(source.encode())
@@ -58,7 +58,7 @@ def _cache_folder() -> str | None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-        os.utime(folder)  # when it was used last
+        os.utime(folder)  # marks it as used now
     except OSError:
         return None
     _remove_unused(folder)
@@ -66,7 +66,7 @@ def _cache_folder() -> str | None:
 
 
 def _remove_unused(folder: Path) -> None:
-    """Remove the cache folders of other versions that no process has used for MAX_UNUSED_DAYS."""
+    """Remove the cache folders of other versions that were not used for MAX_UNUSED_DAYS."""
     oldest = time.time() - 86400 * MAX_UNUSED_DAYS
     for other in folder.parent.iterdir():
         with contextlib.suppress(OSError):
@@ -111,9 +111,9 @@ def _digest(data: bytes) -> str:
 
 
 def compiled(function: F) -> F:
-    """Compile `function` without fast-math: the same bits as the plain Python function.
+    """Return `function` compiled without fast-math, with the same bits as the plain Python function.
 
-    With NUMBA_DISABLE_JIT=1 the plain function itself runs, which is the oracle of the tests.
+    With NUMBA_DISABLE_JIT=1 the plain function itself runs, against which the tests compare.
     """
     config: Any = numba.config
     before = config.CACHE_LOCATOR_CLASSES

@@ -1,10 +1,10 @@
 """Matrix products of 32-bit floats for the compiled learner, with the same bits on every machine.
 
-Each element of a product is one chain of fused multiply-adds in the order of k, whatever the width of the
-machine's vectors and the number of its cores, so a result never depends on a BLAS library's choice of kernel.
+Each element of a product is one chain of fused multiply-adds in the order of k, whatever the vector width and the
+number of cores of the machine, so a result never depends on a BLAS library's choice of kernel.
 
-The right factor and the result lie in panels of WIDTH columns: element (i, j) of a matrix of m rows at
-(j // WIDTH) * m * WIDTH + i * WIDTH + j % WIDTH. All arrays are flat; places are offsets, counted in elements.
+The right factor and the result are in panels of WIDTH columns: element (i, j) of a matrix of m rows is at
+(j // WIDTH) * m * WIDTH + i * WIDTH + j % WIDTH. All arrays are flat; offsets are in elements.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ I64 = NDArray[np.int64]
 
 @compiled
 def padded(count: int) -> int:
-    """The columns of the panels that hold `count`."""
+    """Return the number of columns of the panels for `count` columns."""
     return (count + WIDTH - 1) // WIDTH * WIDTH
 
 
@@ -45,7 +45,7 @@ def product(
     m: int, k: int, a: F32, a0: int, a_row: int, a_at: I64, b: F32, b0: int, b_at: I64, c: F32, c0: int, c_at: I64,
     finish: int, other: F32, other0: int, alive: I64,
 ) -> None:  # fmt: skip
-    """C (m, WIDTH) = A (m, k) @ B (k, WIDTH), for k >= 1, as `tiles` says of its m rows."""
+    """Compute C (m, WIDTH) = A (m, k) @ B (k, WIDTH) for k >= 1; see `tiles` for the offsets of the m rows."""
     i = 0
     while m - i >= ROWS:
         tile(a, a0 + i * a_row, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive)
@@ -62,7 +62,7 @@ def product(
 
 @compiled
 def pack(a: F32, a0: int, a_at: I64, k: int, columns: int, panel: F32, p0: int) -> None:
-    """Copy `columns` elements of each of the k rows at a0 + a_at into the panel (k, WIDTH), zeros to their right."""
+    """Copy `columns` elements of each of the k rows at a0 + a_at to the panel (k, WIDTH), padded with zeros."""
     if columns == WIDTH and k:
         copy_rows(a, a0, a_at, k, panel, p0)
         return
@@ -75,10 +75,10 @@ def pack(a: F32, a0: int, a_at: I64, k: int, columns: int, panel: F32, p0: int) 
 
 @compiled
 def transpose(a: F32, a0: int, a_at: I64, step: int, columns: int, used: int, rows: int, b: F32, b0: int) -> None:
-    """Write the first `used` elements of A's rows as the columns of B (rows, columns), used a multiple of WIDTH.
+    """Write the first `used` elements (a multiple of WIDTH) of A's rows as the columns of B (rows, columns).
 
-    Row j of A lies in pieces of WIDTH elements, the first at a0 + a_at[j] and the others `step` apart. a_at has an
-    offset for each column of B's panels, beyond `columns` any row's.
+    Row j of A is in pieces of WIDTH elements, the first at a0 + a_at[j] and the others `step` apart. a_at has an offset
+    for each column of B's panels; beyond `columns` it may be that of any row.
     """
     for j in range(0, padded(columns), WORD):
         panel = b0 + j // WIDTH * rows * WIDTH + j % WIDTH
@@ -88,7 +88,7 @@ def transpose(a: F32, a0: int, a_at: I64, step: int, columns: int, used: int, ro
 
 @compiled
 def column_sums(rows: int, a: F32, a0: int, c: F32, c0: int) -> None:
-    """The sums of the columns of a panel (rows, WIDTH), in the order of `dots` with a vector of ones."""
+    """Sum the columns of a panel (rows, WIDTH), in the order of `dots` with a vector of ones."""
     chunks = rows // LANES
     if chunks:
         lane_sums(a, a0, WIDTH, chunks, c, c0)
@@ -101,7 +101,7 @@ def column_sums(rows: int, a: F32, a0: int, c: F32, c0: int) -> None:
 
 @compiled
 def dots(rows: int, length: int, a: F32, a0: int, a_row: int, b: F32, b0: int, c: F32, c0: int) -> None:
-    """C (rows,) = A (rows, length) @ b (length,), with the rows of A contiguous."""
+    """Compute C (rows,) = A (rows, length) @ b (length,), with the rows of A contiguous."""
     chunks = length // LANES
     done, i = chunks * LANES, 0
     if chunks == 0:
@@ -122,7 +122,7 @@ def dots(rows: int, length: int, a: F32, a0: int, a_row: int, b: F32, b0: int, c
 
 @compiled
 def norm(a: F32) -> float:
-    """The square root of the sum of squares, in eight chains of LANES sums each."""
+    """Return the square root of the sum of squares, in eight chains of LANES sums each."""
     part = len(a) // (8 * LANES) * LANES
     sums = np.zeros(9, np.float32)
     if part:

@@ -1,4 +1,4 @@
-"""Random streams by role, so that no part of a run can disturb another."""
+"""Random streams by role, so that no part of a run affects the random numbers of another."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _SPAWN_KEYS: dict[Role, int] = {
 
 
 def seed_sequence(seed: int, role: Role, task: str) -> np.random.SeedSequence:
-    """The seed sequence of one role of one run.
+    """Return the seed sequence of a role in a run.
 
-    The task's name takes part, so that a target run never replays the noise of the source run of its own
-    seed; the agent's does not, so that agents with the same seed meet the same noise (paired by seed).
+    It depends on the task's name, so that a target run does not repeat the noise of the source run with the same seed;
+    it does not depend on the agent, so that agents with the same seed see the same noise (paired by seed).
     """
     digest = int.from_bytes(hashlib.sha256(task.encode()).digest()[:8], "big")
     return np.random.SeedSequence(entropy=[seed, digest], spawn_key=(_SPAWN_KEYS[role],))
 
 
 def stream(seed: int, role: Role, task: str) -> np.random.Generator:
-    """A fresh generator for `role`: always at the start of its stream."""
+    """Return a new generator for `role`, at the start of its stream."""
     return np.random.default_rng(seed_sequence(seed, role, task))

@@ -1,8 +1,8 @@
-"""The vector instructions that `matmul` is made of, as LLVM code for numba.
+"""The vector instructions on which `matmul` is based, as LLVM code for numba.
 
-numba turns plain loops into vectors only where that keeps their order of summation, which a matrix product's inner loop
-does not; here the vectors are spelled out, with fused multiply-adds, and the order is fixed. Arrays are flat and
-float32; a place in one is an offset in elements.
+numba vectorises plain loops only where that keeps the order of summation, which it cannot in the inner loop of a matrix
+product; here the vectors are explicit, with fused multiply-adds, and the order is fixed. Arrays are flat and float32;
+offsets are in elements.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from numba.core import cgutils, types
 
 
 def intrinsic(code: Callable[..., Any]) -> Any:
-    """Make of `code` a function that compiled code can call; numba's own, without types."""
+    """Return `code` as a function that compiled code can call: numba's `intrinsic` without type annotations."""
     decorator: Any = extending.intrinsic
     return decorator(code)
 
 
 LANES = 16
-"""Length of the partial sums of `dot`: fixed, so that its order of summation is."""
+"""Length of the partial sums of `dot`; fixed, like its order of summation."""
 
 
 def _host_tile() -> tuple[int, int, int]:
-    """(rows, vectors, lanes) of the register tile that suits this machine; results do not depend on it."""
+    """Return (rows, vectors, lanes) of the register tile for this machine; results do not depend on it."""
     features = llvmlite.binding.get_host_cpu_features()
     if features.get("avx512f"):
         return 8, 2, 16
@@ -39,7 +39,7 @@ WIDTH = VECTORS * WORD
 """Columns of a packed panel."""
 
 MAX_WIDTH = 32
-"""Columns of the widest panel of any machine. Room is made for that: kernels in a shared cache may be another one's."""
+"""Columns of the widest panel. Buffers are sized for it, as a shared cache may hold kernels compiled on another CPU."""
 
 
 def pointer(context: Any, builder: Any, array_type: Any, array: Any, offset: Any) -> Any:
@@ -56,26 +56,26 @@ def vector_fma(builder: Any, vector: Any) -> Any:
 
 
 def load(builder: Any, pointer: Any, vector: Any) -> Any:
-    """Return the vector at any place of a float array."""
+    """Return the vector at any offset of a float array."""
     loaded = builder.load(builder.bitcast(pointer, vector.as_pointer()))
     loaded.align = 4
     return loaded
 
 
 def store(builder: Any, value: Any, pointer: Any) -> None:
-    """Write a vector to any place of a float array."""
+    """Write a vector to any offset of a float array."""
     builder.store(value, builder.bitcast(pointer, value.type.as_pointer())).align = 4
 
 
 def broadcast(builder: Any, value: Any, vector: Any) -> Any:
-    """Return the vector that has `value` everywhere."""
+    """Return the vector with `value` in all lanes."""
     one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     mask = ir.Constant(ir.VectorType(ir.IntType(32), vector.count), [0] * vector.count)
     return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), mask)
 
 
 def fence(builder: Any) -> None:
-    """Keep LLVM from moving loads across, and from unrolling the loop: both would spill sums. It costs nothing."""
+    """Keep LLVM from moving loads across, and from unrolling the loop, which would spill sums. It has no cost."""
     builder.asm(ir.FunctionType(ir.VoidType(), []), "", "", [], True)
 
 
@@ -85,7 +85,7 @@ def zero(vector: Any) -> Any:
 
 
 def loop(builder: Any, count: Any, initial: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> list[Any]:
-    """`for i in range(count)` with values carried in registers: body(i, carried) -> carried. count >= 1."""
+    """Build `for i in range(count)` with values carried in registers: body(i, carried) -> carried. count >= 1."""
     before = builder.block
     block = builder.append_basic_block("k")
     after = builder.append_basic_block("done")
@@ -106,7 +106,7 @@ def loop(builder: Any, count: Any, initial: list[Any], body: Callable[[Any, list
 
 
 def _pairwise(builder: Any, total: Any) -> Any:
-    """The sum of a vector: its halves added, and again until one number is left."""
+    """Return the sum of a vector, by adding its halves repeatedly."""
     half = LANES // 2
     while half:
         upper = ir.Constant(ir.VectorType(ir.IntType(32), half), list(range(half, 2 * half)))
@@ -120,9 +120,9 @@ def _pairwise(builder: Any, total: Any) -> Any:
 
 
 def _dots(rows: int, squares: bool = False) -> Any:
-    """The intrinsic dots(a, a0, a_row, b, b0, chunks, c, c0): c (rows,) = A (rows, chunks * LANES) @ b.
+    """Return the intrinsic dots(a, a0, a_row, b, b0, chunks, c, c0): c (rows,) = A (rows, chunks * LANES) @ b.
 
-    Each row has one chain of sums for every lane; the lanes are then added in pairs. squares: of A with itself, not b.
+    Each row has a chain of sums per lane; the lanes are then added in pairs. squares: use A itself instead of b.
     """
 
     @intrinsic

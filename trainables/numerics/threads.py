@@ -1,4 +1,4 @@
-"""One thread per worker: a sweep keeps every core busy with cells, not with threads of one cell."""
+"""One thread per worker, since a sweep uses the cores for several cells, not for the threads of one."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from threadpoolctl import threadpool_limits
 
 
 def one_thread() -> None:
-    """Limit BLAS, OpenMP and torch in this process to one thread each; which kernels they choose stays theirs.
+    """Limit BLAS, OpenMP and torch in this process to one thread each; they still choose their kernels.
 
-    The compiled agents use none of them, so this changes how fast other work runs, never a result of theirs.
+    The compiled agents use none of them, so this affects the speed of other work, never the agents' results.
     """
     threadpool_limits(limits=1)
     torch = sys.modules.get("torch")

@@ -1,8 +1,8 @@
-"""The register tile that every matrix product of the learner is made of, as LLVM code for numba.
+"""The register tile of the learner's matrix products, as LLVM code for numba.
 
-A tile is a block of C (ROWS, WIDTH) = A @ B that stays in registers while k runs; what follows the sum (a bias and a
-ReLU, or the ReLU's derivative) is done there too, before the block is written. The rows of A, B and C lie where lists
-of offsets say, so that a product can leave out what is known to be zero.
+A tile is a block of C (ROWS, WIDTH) = A @ B that stays in registers while k runs; a bias and ReLU, or the derivative of
+the ReLU, are applied there too, before the block is written. Lists of offsets define the rows of A, B and C, so that a
+product can skip what is known to be zero.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from trainables.numerics.simd import (
 )
 
 STORE, BIAS, RELU, MASK = range(4)
-"""What is done with the sums: nothing; a bias of the row is added; and a ReLU follows; 0 where `other` is not > 0."""
+"""The operation on the sums: none; add the row's bias; add it and apply a ReLU; set to 0 where `other` is not > 0."""
 
 
 def _tile(rows: int) -> Any:
-    """The intrinsic tile(a, a0, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive).
+    """Return the intrinsic tile(a, a0, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive).
 
     C[r] = sum over k of A[r, k] B[k], for r < rows: A[r, k] is a[a0 + r a_row + a_at[k]], B[k] the WIDTH elements at
     b[b0 + b_at[k]], and C[r] those at c[c0 + c_at[i + r]]. k >= 1. The bias of a row is other[other0 + i + r]; the mask
-    lies in `other` as C does in c. RELU sets bits in alive[i + r] where a result of the row is not 0.
+    has the layout of C in `other`. RELU sets bits in alive[i + r] where a result of the row is not 0.
     """
 
     @intrinsic

@@ -1,1 +1,1 @@
-"""Tasks and agents that a user brings: named, loaded, sent to workers, and remembered."""
+"""Custom tasks and agents: their names, loading, shipping to workers, and notes."""

@@ -33,12 +33,12 @@ def check_names(kind: Kind, taken: Collection[str]) -> None:
 
 
 def names(kind: Kind) -> list[str]:
-    """The names that packages have registered."""
+    """Return the names that packages have registered."""
     return [point.name for point in _points(kind)]
 
 
 def find(kind: Kind, name: str) -> tuple[str, Any] | None:
-    """(NAME@VERSION, what is registered as `name`); None where nothing is. InputError where it cannot be imported."""
+    """Return (NAME@VERSION, the object registered as `name`), or None. Raises InputError if it cannot be imported."""
     point = next((point for point in _points(kind) if point.name == name), None)
     if point is None:
         return None

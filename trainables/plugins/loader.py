@@ -1,7 +1,7 @@
-"""The custom files that this process has loaded: by whom they are named, what they say, and where their errors are.
+"""Custom files loaded in this process, by content hash.
 
-A file runs only where somebody has named it: on the command line, in a search space of theirs, or by `own.load`.
-A name in a record, or in anything else that is read, never loads one.
+A file runs only if the user names it: on the command line, in a search space, or by `deltatune.load_custom`. A name in
+a record, or in other data that is read, never loads a file.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from trainables.storage.files import read_file
 from trainables.storage.paths import is_file
 
 MAX_BYTES = 10 * 2**20
-"""Largest file of custom code."""
+"""Size of a file of custom code."""
 
 
 class CustomCodeError(RuntimeError):
-    """Custom code that breaks a promise of its kind. The text is one sentence, with the file and the line."""
+    """Custom code violates its interface. The text is one sentence, with the file and the line."""
 
 
 @dataclass(frozen=True)
@@ -41,18 +41,18 @@ class Loaded:
 _LOADED: dict[str, Loaded] = {}
 """By 'FILE.py@PIN'."""
 BROKEN: dict[str, str] = {}
-"""Why an installed file could not be run, by 'FILE.py@PIN'."""
+"""Why a file that was shipped here could not be run, by 'FILE.py@PIN'."""
 _PLACES: set[str] = set()
-"""The `co_filename` of custom code, installed packages' included."""
+"""The `co_filename` of custom code, that of installed packages included."""
 
 
 def pin_of(source: bytes) -> str:
-    """The hash of a file's content in a name; line endings do not count."""
+    """Return the hash of a file's content as it is in names; line endings are ignored."""
     return hashlib.sha256(source.replace(b"\r\n", b"\n")).hexdigest()[:8]
 
 
 def canonicalise(name: str, folders: Iterable[Path] = (Path(),)) -> str:
-    """Return the name of a task or agent as cells hold it; the file of a custom one is run, for the user has named it.
+    """Return the canonical name of a task or agent that the user has named; the file of a custom one is run.
 
     folders: where a relative path is looked for, in order. Raises InputError as `pin` does.
     """
@@ -63,7 +63,7 @@ def pin(text: str, folders: Iterable[Path] = (Path(),)) -> str:
     """Load the file that `text` names and return the canonical name, features included.
 
     folders: where a relative path is looked for, in order; a file that is in none of them may be loaded already.
-    Raises InputError where the file is not there, cannot be run, or is another one than a pin in `text` says.
+    Raises InputError where the file is missing, cannot be run, or has another content than the pin in `text`.
     """
     name = file_name(text)
     path = next((folder / name.path for folder in folders if is_file(folder / name.path)), None)
@@ -74,7 +74,7 @@ def pin(text: str, folders: Iterable[Path] = (Path(),)) -> str:
 
 
 def load_file(path: str | Path, expected: str = "") -> str:
-    """Run a file, unless it has been run already, and return its pin; InputError as for `pin`."""
+    """Run a file, unless it was run already, and return its pin. Raises InputError as `pin` does."""
     path = Path(path)
     source = read_file(path, MAX_BYTES)
     found = pin_of(source)
@@ -85,12 +85,12 @@ def load_file(path: str | Path, expected: str = "") -> str:
 
 
 def others(file: str) -> list[str]:
-    """The pins of the loaded files with this name."""
+    """Return the pins of the loaded files with this name."""
     return [key.partition("@")[2] for key in _LOADED if key.partition("@")[0] == file]
 
 
 def attribute(name: FileName) -> Any:
-    """What a pinned name stands for, None where its file is not loaded; InputError where the file has no such name."""
+    """Return the object of a pinned name; None if its file is not loaded. Raises InputError if the file lacks it."""
     loaded = _LOADED.get(f"{name.path.name}@{name.pin}")
     if loaded is None:
         return None
@@ -103,15 +103,15 @@ def attribute(name: FileName) -> Any:
 
 
 def packed() -> dict[str, bytes]:
-    """Every loaded file by 'FILE.py@PIN': what a worker needs beside its cells."""
+    """Return every loaded file by 'FILE.py@PIN', for shipping to workers."""
     return {key: loaded.source for key, loaded in _LOADED.items()}
 
 
 def install(files: Mapping[str, bytes]) -> None:
-    """Load what `packed` returned on another machine. Nothing is written to disk.
+    """Load the files that `packed` returned on another machine. Nothing is written to disk.
 
-    A file that does not run here, for want of a package, say, fails the cells that need it and no others.
-    Raises InputError for a content that is not the one of the pin.
+    A file that does not run here, for instance without a package, only fails the cells that need it.
+    Raises InputError for a content that does not match the pin.
     """
     for key, source in files.items():
         if key != f"{key.partition('@')[0]}@{pin_of(source)}":
@@ -123,17 +123,17 @@ def install(files: Mapping[str, bytes]) -> None:
 
 
 def watch(place: str) -> None:
-    """Take code in the file `place` for custom code when errors are traced."""
+    """Treat code in the file `place` as custom code in error messages."""
     _PLACES.add(place)
 
 
 def is_custom(place: str) -> bool:
-    """Whether the code in the file `place` is custom code."""
+    """Return whether the code in the file `place` is custom code."""
     return place in _PLACES
 
 
-def in_words(exception: BaseException) -> str:
-    """An error of a cell in one sentence, with the innermost line of custom code, else the innermost line of all."""
+def describe_error(exception: BaseException) -> str:
+    """Return an error as one sentence, with the innermost line of custom code, else the innermost line of all."""
     if isinstance(exception, CustomCodeError):
         return str(exception)
     frames = traceback.extract_tb(exception.__traceback__)
@@ -143,7 +143,7 @@ def in_words(exception: BaseException) -> str:
 
 
 def _run(key: str, source: bytes, place: str) -> None:
-    """Run a file as a module of its own, unless it is there already."""
+    """Run a file as a new module, unless it is loaded."""
     if key in _LOADED:
         return
     file, _, digest = key.partition("@")

@@ -1,8 +1,8 @@
-"""How custom code is named.
+"""The names of custom tasks and agents.
 
-FILE.py:NAME[:FEATURE=VALUE,...]          as people write it
-FILE.py@PIN:NAME[:FEATURE=VALUE,...]      as cells hold it: the file's name alone, and a hash of its content
-NAME@VERSION[:FEATURE=VALUE,...]          of an installed package, with that package's version
+FILE.py:NAME[:FEATURE=VALUE,...]          as users write it
+FILE.py@PIN:NAME[:FEATURE=VALUE,...]      canonical, in cells: the file's name without folder, a hash of its content
+NAME@VERSION[:FEATURE=VALUE,...]          canonical, of an installed package with its version
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ class FileName:
     """Empty where none is given."""
     attribute: str
     rest: str
-    """The features' text."""
+    """The features as text."""
 
     def pinned(self, pin: str) -> str:
-        """The name as cells hold it, features included."""
+        """Return the canonical name, features included."""
         return f"{self.path.name}@{pin}:{self.attribute}" + (f":{self.rest}" if self.rest else "")
 
 
 def by_file(text: str) -> bool:
-    """Whether `text` names custom code by its file."""
+    """Return whether `text` names custom code by its file."""
     return re.match(r"[^:]*\.py(@[^:]*)?(:|$)", text) is not None
 
 
 def file_name(text: str) -> FileName:
-    """The parts of a name by file; InputError where it is not written like one."""
+    """Return the parts of a name by file. Raises InputError for other text."""
     match = _FILE.fullmatch(text)
     if match is None:
         raise InputError(
@@ -52,23 +52,23 @@ def file_name(text: str) -> FileName:
 
 
 def package_name(text: str) -> tuple[str, str]:
-    """(name, version) of 'NAME@VERSION'; an empty version where there is none."""
+    """Return (name, version) of 'NAME@VERSION'; the version may be empty."""
     match = _PACKAGE.fullmatch(text)
     return (match["name"], match["version"]) if match else (text, "")
 
 
 def short(text: str) -> str:
-    """`text` with every name of custom code as people write it, without pins."""
+    """Return `text` with every name of custom code as users write it, without pins."""
     return re.sub(r"(?<=\.py)@[0-9a-f]{8}(?=:)", "", text)
 
 
 def is_custom(text: str) -> bool:
-    """Whether `text`, features or not, is a canonical name of custom code, by file or by package."""
+    """Return whether `text`, with or without features, is a canonical name of custom code, by file or by package."""
     return by_file(text) or _PACKAGE.fullmatch(text.partition(":")[0]) is not None
 
 
 def described(thing: object) -> str:
-    """Return what a value is, in a few words: 'an agent', 'the class Walk', '3', 'a value of the type Env'."""
+    """Return a short description of a value: 'an agent', 'the class Walk', '3', 'a value of the type Env'."""
     kind = type(thing).__name__
     if isinstance(thing, type):
         return f"the class {thing.__name__}"

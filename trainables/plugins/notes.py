@@ -1,6 +1,6 @@
-"""Stand-ins for custom tasks and agents whose code is not loaded, so that what they left can still be read.
+"""Notes on custom tasks and agents whose code is not loaded, so that their results can still be read.
 
-What is known of them comes from the sweep's own notes (`remember`); nothing of them can be run.
+They come from the sweep's folder (`remember`), and contain nothing that can be run.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     pass
 
 _NOTES: dict[str, Mapping[str, Any]] = {}
-"""What is known of custom code, by canonical name."""
+"""Notes by canonical name."""
 
 
 def remember(notes: Mapping[str, Mapping[str, Any]]) -> None:
-    """Keep notes that `note` made, by canonical name."""
+    """Store notes by canonical name."""
     _NOTES.update(notes)
 
 

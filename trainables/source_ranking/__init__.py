@@ -1,1 +1,1 @@
-"""Which source to take."""
+"""Ranking of sources for a target."""

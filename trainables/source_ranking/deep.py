@@ -1,4 +1,4 @@
-"""Source networks on a deep target, whose model nobody knows: a path's delta is measured in whole episodes."""
+"""Source networks on a deep target, whose model is unknown: path deltas are measured in whole episodes."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from trainables.tasks.registry import parse_task
 from trainables.tasks.rollout import Rollout
 
 UCB = 1.0
-"""Standard errors by which a source is preferred that has played few episodes."""
+"""Standard errors added to a source's value, which favours sources with few episodes."""
 
 
 class DeepBench:
-    """Source networks and the tasks that they were trained on, held against a target."""
+    """The bench of source networks on a deep target."""
 
     def __init__(self, target: str, sources: Sequence[tuple[str, Network]], gamma: float, seed: int) -> None:
         self._rollout = Rollout(parse_task(target), stream(seed, "calibration", target))
         self._sources, self._gamma, self._seed = sources, gamma, seed
         self._episodes: list[list[Episode]] = [[] for _ in sources]
         self._squares = np.zeros((len(sources), 2))
-        """Sum of delta^2 and number of samples, over every transition, whoever played it."""
+        """(K, 2): sum of delta^2 and number of samples, over the transitions of all episodes."""
         self.steps = 0
 
     def play(self, source: int | None) -> float:
-        """One target episode; its discounted return."""
+        """Play a target episode; return its discounted return."""
         seen = self._rollout.episode(None if source is None else self._sources[source][1])
         self.steps += len(seen.rewards)
         for k, (_, network) in enumerate(self._sources):
@@ -42,7 +42,7 @@ class DeepBench:
         return float(self._gamma ** np.arange(len(seen.rewards)) @ seen.rewards.astype(np.float64))
 
     def values(self) -> list[float]:
-        """The upper end of what each source's episodes say; without one the source goes before all others."""
+        """Return the upper bound of each source's value from its episodes; infinity without any."""
         sd = _pooled_sd(self._episodes)
         return [
             _mean([e.promise + e.path_delta for e in episodes]) + UCB * sd / math.sqrt(len(episodes))
@@ -52,13 +52,13 @@ class DeepBench:
         ]
 
     def estimates(self) -> list[Following]:
-        """What each source's episodes, and all transitions, say of it."""
+        """Return the estimate for each source, from its episodes and all transitions."""
         sd = _pooled_sd(self._episodes, unknown=math.inf)
         sizes = np.sqrt(self._squares[:, 0] / np.maximum(self._squares[:, 1], 1))
         return [_following(episodes, sd, float(size)) for episodes, size in zip(self._episodes, sizes, strict=True)]
 
     def floors(self, episodes: Sequence[int]) -> list[Following]:
-        """Each source followed on its own task."""
+        """Return the estimate for each source followed on its own task."""
         found = []
         for (task, network), number in zip(self._sources, episodes, strict=True):
             own = self_delta(network, task, self._gamma, self._seed, number)
@@ -71,9 +71,9 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _pooled_sd(groups: Sequence[Sequence[Episode]], unknown: float = 0.0) -> float:
-    """Return the standard deviation of an episode's value around its source's mean, over all sources.
+    """Return the standard deviation of an episode's value around its source's mean, pooled over all sources.
 
-    unknown: what it is where no source has two episodes.
+    unknown: the result where no source has two episodes.
     """
     squares, freedom = 0.0, 0
     for group in groups:

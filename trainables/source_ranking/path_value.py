@@ -1,8 +1,9 @@
-"""What following a source would collect on a tabular target, from target episodes that anyone has played.
+"""The value of following a source on a tabular target, estimated from target episodes of any policy.
 
-delta of a source is known where its own action was taken, whoever took it. Along the source's path it sums up to what
-following it collects beyond its promise V_src(s_0): D(s) = delta(s, pi(s)) + gamma E[D(s')], solved here on the
-transitions seen, with delta = 0 where nothing was seen: the prior belief that source and target are equal.
+A transition is a sample of a source's delta if the source would have taken the same action. The discounted sum of delta
+along the source's path is the return of following it minus its predicted return V_src(s_0):
+D(s) = delta(s, pi(s)) + gamma E[D(s')]. It is solved here on the observed transitions, with delta = 0 where there are
+none: the prior belief that source and target are equal.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ F64 = NDArray[np.float64]
 TOLERANCE = 1e-6
 """Largest change of D in the last sweep."""
 SWEEPS = 2000
-"""Most sweeps: gamma^2000 is 2e-9 at gamma = .99."""
+"""Largest number of sweeps: gamma^2000 is 2e-9 at gamma = .99."""
 
 
 class Seen(NamedTuple):
-    """Transitions, equal ones once: m of them. The state S stands for the end of an episode."""
+    """m distinct transitions. The state S is the end of an episode."""
 
     state: I64
     action: I64
@@ -45,31 +46,31 @@ class Following:
     """An estimate for one source."""
 
     promise: float
-    """V_src at the start."""
+    """V_src at the start, the return that the source predicts."""
     path_delta: float
-    """What following it collects beyond that, discounted."""
+    """The discounted return of following it minus the promise."""
     se: float
-    """Standard error of path_delta: the spread of the samples on the path, and what may be where nothing was seen."""
+    """Standard error of path_delta: from the samples on the path, and from states without samples."""
     delta: float
-    """Root mean square of delta(s, pi(s)) over the discounted path, the samples' own noise taken out."""
+    """Root mean square of delta(s, pi(s)) over the discounted path, without the noise of the samples."""
     unseen: float
-    """Probability, discounted, of leaving what was seen; delta is taken for 0 from there on, with as much doubt as a
-    sample of delta that size in every later step would justify."""
+    """Discounted probability of leaving the observed states. Beyond them delta is assumed 0; `se` grows by what a delta
+    of the usual size in every later step would add."""
 
     @property
     def value(self) -> float:
-        """The discounted return of following the source."""
+        """The estimated discounted return of following the source."""
         return self.promise + self.path_delta
 
 
 def nothing_seen() -> Seen:
-    """No transition at all."""
+    """Return an empty set of transitions."""
     nowhere, nothing = np.zeros(0, np.int64), np.zeros(0)
     return Seen(nowhere, nowhere, nowhere, nothing, nothing, nothing)
 
 
 def merged(seen: Seen, other: Seen, states: int, actions: int) -> Seen:
-    """Two sets of transitions as one; each may hold the same one more than once."""
+    """Return two sets of transitions as one; each may have duplicates."""
     state, action, next_state = (np.concatenate([seen[i], other[i]]).astype(np.int64) for i in range(3))
     keys = (state * actions + action) * (states + 1) + next_state
     unique, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
@@ -82,9 +83,9 @@ def merged(seen: Seen, other: Seen, states: int, actions: int) -> Seen:
 
 @compiled
 def solve(seen: Seen, pi: I64, v_src: F64, gamma: float, d: F64, delta: F64, spread: F64, visits: F64) -> None:
-    """Fill D (S + 1), delta (S,), the samples' summed squared deviations (2, S) and visits (S,) of one source.
+    """Compute D (S + 1), delta (S,), summed squared deviations of the samples (2, S) and visits (S,) of a source.
 
-    spread[0] is of delta's samples, spread[1] of those of delta + gamma D(s'). D comes in as a first guess.
+    spread[0] is for samples of delta, spread[1] for those of delta + gamma D(s'). D is also the initial value.
     """
     states = len(pi)
     rows = np.nonzero(seen.action == pi[seen.state])[0]
@@ -121,7 +122,7 @@ def solve(seen: Seen, pi: I64, v_src: F64, gamma: float, d: F64, delta: F64, spr
 
 @compiled
 def occupancy(seen: Seen, pi: I64, visits: F64, start: int, gamma: float) -> F64:
-    """Discounted visits (S,) of the source's path in what was seen, unseen states included as ends of it."""
+    """Return the discounted visits (S,) of the source's path; it ends in states without observations."""
     states = len(pi)
     rows = np.nonzero(seen.action == pi[seen.state])[0]
     total, now, after = np.zeros(states), np.zeros(states + 1), np.zeros(states + 1)
@@ -142,7 +143,7 @@ def occupancy(seen: Seen, pi: I64, visits: F64, start: int, gamma: float) -> F64
 
 
 class Follower:
-    """One source, held against all transitions of a target as they come in."""
+    """Estimates the value of following one source from the transitions of a target."""
 
     def __init__(self, q_src: F64, start: int, gamma: float) -> None:
         states = len(q_src)
@@ -153,12 +154,12 @@ class Follower:
         self._delta, self._visits, self._spread = np.zeros(states), np.zeros(states), np.zeros((2, states))
 
     def value(self, seen: Seen) -> float:
-        """The discounted return of following the source, as far as is known."""
+        """Return the estimated discounted return of following the source."""
         solve(seen, self.pi, self._v, self._gamma, self._d, self._delta, self._spread, self._visits)
         return float(self._v[self._start] + self._d[self._start])
 
     def estimate(self, seen: Seen) -> Following:
-        """The same with its standard error (delta method), and delta's size along the path."""
+        """Return the estimate with its standard error (delta method), and the size of delta along the path."""
         value = self.value(seen)
         weight = occupancy(seen, self.pi, self._visits, self._start, self._gamma)
         known = self._visits > 0
@@ -179,9 +180,9 @@ class Follower:
 
 
 def _variance(spread: F64, n: F64, delta: F64) -> F64:
-    """Variance of one sample in each state: its own, and the pooled one for one more sample, so that n = 1 has one.
+    """Return the variance of a sample in each state, with the pooled variance as one more sample, so that n = 1 works.
 
-    Where no state was seen twice, nothing tells noise from delta: all of delta counts as noise.
+    Where no state was visited twice, noise and delta cannot be distinguished, and all of delta counts as noise.
     """
     freedom = float((n - 1).sum())
     pooled = float(spread.sum()) / freedom if freedom > 0 else float((delta**2).mean()) if len(delta) else 0.0

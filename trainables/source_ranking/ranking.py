@@ -1,8 +1,8 @@
-"""Ranking sources for a target: which of them to follow, by their delta along their own paths.
+"""The ranking of sources for a target, by their delta along their own paths.
 
-A target episode is played by one source and tells of all of them. It is always the source that looks best so far that
-plays the next one: where nothing was seen delta counts as 0, so a source is believed until its own path refutes it, and
-the episodes go where the answer is decided. Every 20th is played at random, for what to hold the sources against.
+One source plays each target episode, but all of them learn from it. The source that is best so far plays the next one:
+delta counts as 0 where nothing was observed, so a source is trusted until its own path refutes it, and the episodes are
+spent where they decide the ranking. Every 20th episode is random, as a reference for the sources.
 """
 
 from __future__ import annotations
@@ -15,51 +15,51 @@ from typing import Literal, Protocol
 from trainables.source_ranking.path_value import Following
 
 Z = 1.96
-"""Standard errors to either side of an interval."""
+"""Half-width of an interval in standard errors."""
 RANDOM_EVERY = 20
-"""One in so many episodes is played at random, the first included."""
+"""One episode in this many is random, the first included."""
 FLOOR_EPISODES = 10
-"""Fewest episodes for a source's own floor."""
+"""Least number of episodes for the noise floor of a source."""
 EVEN = 0.5
-"""Share of the episodes that the sources play in turn; the rest is played by the best so far."""
+"""Share of the episodes that the sources play in turn; the best so far plays the rest."""
 KEEP = 0.75
-"""Share of its promised advantage over acting at random that a source must keep to be recommended."""
+"""Share of its predicted advantage over acting at random that a source must keep to be recommended."""
 
 
 @dataclass(frozen=True)
 class Ranked:
-    """One source's place."""
+    """The estimates for one ranked source."""
 
     source: int
     """Its number in the order given."""
     episodes: int
     """Target episodes that it played."""
     target: Following
-    """On the target."""
+    """The estimate on the target."""
     floor: Following
-    """On its own task, from as many episodes of it: what its errors alone come to."""
+    """The estimate on its own task, from as many episodes: the effect of its errors alone."""
     kept: tuple[float, float, float]
-    """Share of its promised advantage over acting at random that it keeps on the target: estimate, low, high."""
+    """Retained share of its predicted advantage over acting at random: estimate, low, high."""
 
     @property
     def low(self) -> float:
-        """The lower end of the interval of the discounted return of following it."""
+        """The lower end of the interval of the return of following it."""
         return self.target.value - Z * self.target.se
 
     @property
     def high(self) -> float:
-        """The upper end."""
+        """The upper end of this interval."""
         return self.target.value + Z * self.target.se
 
     @property
     def similar(self) -> bool:
-        """Whether what it misses of its promise is not clearly more than on its own task."""
+        """Whether its path delta is not significantly worse than on its own task."""
         gap = self.floor.path_delta - self.target.path_delta
         return gap <= Z * math.hypot(self.floor.se, self.target.se)
 
     @property
     def verdict(self) -> Literal["similar", "useful", "no"]:
-        """similar: within its own floor; useful: not, but keeps KEEP of its promise for certain; no: neither."""
+        """The verdict; similar: within its noise floor; useful: not, but it surely keeps KEEP of its advantage; no."""
         if self.kept[1] < KEEP:
             return "no"
         return "similar" if self.similar else "useful"
@@ -67,39 +67,39 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Ranking:
-    """Sources from best to worst by the lower end of their value's interval: what is not refuted is not yet proven."""
+    """Sources from best to worst, by the lower end of the interval of their value, which needs evidence."""
 
     ranked: tuple[Ranked, ...]
     random_return: float
     """Discounted return of acting at random."""
     steps: int
-    """Target steps taken."""
+    """Steps taken on the target."""
 
     @property
     def recommended(self) -> Ranked | None:
-        """The best source, None where it does not keep enough of its promise."""
+        """The best source, or None where it does not keep enough of its predicted advantage."""
         best = self.ranked[0]
         return None if best.verdict == "no" else best
 
 
 class Bench(Protocol):
-    """A target with the sources that are tried on it."""
+    """Evaluates candidate sources on one target."""
 
     @property
     def steps(self) -> int:
         """Target steps taken."""
 
     def play(self, source: int | None) -> float:
-        """Play one target episode, by a source or at random, and take it in; its discounted return."""
+        """Play a target episode, by a source or at random, and learn from it; return its discounted return."""
 
     def values(self) -> Sequence[float]:
-        """The value of following each source as far as is known, the higher the sooner it is tried."""
+        """Return the present (optimistic) value of following each source; the highest is tried next."""
 
     def estimates(self) -> Sequence[Following]:
-        """What is known of each source in the end."""
+        """Return the final estimate for each source."""
 
     def floors(self, episodes: Sequence[int]) -> Sequence[Following]:
-        """The same on each source's own task, from so many episodes of it."""
+        """Return the same on each source's own task, from so many episodes there."""
 
 
 def rank(bench: Bench, count: int, episodes: int) -> Ranking:
@@ -123,7 +123,7 @@ def rank(bench: Bench, count: int, episodes: int) -> Ranking:
 
 
 def _next(bench: Bench, played: Sequence[int], even: bool) -> int:
-    """The source that plays: the one that has played least, or the best so far; the first of equals."""
+    """Return the source that plays next: the one with the fewest episodes, or the best so far; the first of equals."""
     values = [-number for number in played] if even else bench.values()
     return max(range(len(played)), key=lambda k: (values[k], -k))
 

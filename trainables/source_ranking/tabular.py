@@ -1,4 +1,4 @@
-"""Tabular sources on a tabular target: delta of all of them from every transition."""
+"""Tabular sources on a tabular target: every transition updates the estimates of all of them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trainables.tasks.registry import parse_task
 from trainables.tasks.tabular_env import step as env_step
 
 RANDOM = np.zeros(0, np.int64)
-"""A policy without an entry: uniformly random actions."""
+"""The empty policy: uniformly random actions."""
 
 
 @compiled
@@ -27,7 +27,7 @@ def _episode(
     pi: NDArray[np.int64],
     rng: np.random.Generator,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """One episode: (steps, 3) states, actions and next states, S where it ended; (steps,) rewards."""
+    """Play an episode; return (steps, 3) states, actions and next states (S: the end), and (steps,) rewards."""
     where, rewards = np.zeros((time_limit, 3), np.int64), np.zeros(time_limit)
     state, t = start, 0
     while t < time_limit:
@@ -43,7 +43,7 @@ def _episode(
 
 
 class Player:
-    """A tabular task on which policies are played, and what was seen."""
+    """A tabular task on which policies are played, with the observed transitions."""
 
     def __init__(self, task: str, seed: int) -> None:
         dynamics = parse_task(task).dynamics()
@@ -54,7 +54,7 @@ class Player:
         self.steps = 0
 
     def play(self, pi: NDArray[np.int64], gamma: float) -> float:
-        """One episode under pi (S,), or RANDOM; its discounted return."""
+        """Play an episode under pi (S,), or RANDOM; return its discounted return."""
         where, rewards = _episode(*self._where, self.shape, pi, self._rng)
         state, action, next_state = (np.ascontiguousarray(column) for column in where.T)
         seen = Seen(state, action, next_state, np.ones(len(rewards)), rewards, rewards**2)
@@ -64,7 +64,7 @@ class Player:
 
 
 class TabularBench:
-    """Q tables of sources and the tasks that they were learned on, held against a target."""
+    """The bench of tabular sources on a tabular target."""
 
     def __init__(
         self, target: str, sources: Sequence[tuple[str, NDArray[np.float64]]], gamma: float, seed: int
@@ -75,23 +75,23 @@ class TabularBench:
 
     @property
     def steps(self) -> int:
-        """Target steps taken."""
+        """Return the steps taken on the target."""
         return self._player.steps
 
     def play(self, source: int | None) -> float:
-        """One target episode; its discounted return."""
+        """Play a target episode; return its discounted return."""
         return self._player.play(RANDOM if source is None else self._followers[source].pi, self._gamma)
 
     def values(self) -> list[float]:
-        """The discounted return of following each source, as far as is known."""
+        """Return the estimated return of following each source."""
         return [follower.value(self._player.seen) for follower in self._followers]
 
     def estimates(self) -> list[Following]:
-        """The same with all that is known."""
+        """Return the final estimate for each source."""
         return [follower.estimate(self._player.seen) for follower in self._followers]
 
     def floors(self, episodes: Sequence[int]) -> list[Following]:
-        """Each source followed on its own task."""
+        """Return the estimate for each source followed on its own task."""
         found = []
         for (task, q), number in zip(self._sources, episodes, strict=True):
             own = Player(task, self._seed)

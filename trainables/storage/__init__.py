@@ -1,1 +1,1 @@
-"""Paths, files and checkpoints."""
+"""Paths, files, folders and checkpoints."""

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there, and lines that are there for good once they are written."""
+"""Atomic writes of files, and durable appends."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from trainables.storage.paths import is_local
 
 
 def write_atomic(path: Path, data: bytes) -> None:
-    """Write `data` to `path` so that a reader, or a crash at any moment, meets the old file or the new one.
+    """Write `data` to `path` atomically: readers, and a crash at any moment, see the old file or the new one.
 
-    A new file has the mode that the process's umask gives, as any other file has.
+    A new file has the mode given by the process's umask.
     """
     if not is_local(path):
         disk.put(path, data)
@@ -30,9 +30,9 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 
 def append(path: Path, data: bytes) -> int:
-    """Append `data` to a file on a disk, made where it is missing; the offset at which it begins.
+    """Append `data` to a file on a disk, created where it is missing, and return its offset.
 
-    When this returns the data is there for good. OSError where the disk refuses it: the file is as it was.
+    The data is durable when this returns. Raises OSError where the disk refuses it; the file is then unchanged.
     """
     with disk.extend(path) as file:
         start = file.tell()

@@ -1,4 +1,4 @@
-"""One file that holds a whole state: arrays and plain data, no pickle, and a checksum that a torn file cannot pass."""
+"""Checkpoint files: arrays and plain data without pickle, with a checksum that detects incomplete files."""
 
 from __future__ import annotations
 
@@ -20,14 +20,11 @@ MAGIC = b"deltatune checkpoint 1\n"
 
 
 class CheckpointError(InfrastructureError):
-    """A file that is not a whole checkpoint. The text says which and why."""
+    """A file is no complete checkpoint. The text says which and why."""
 
 
 def save(path: Path, state: Mapping[str, Any]) -> None:
-    """Write `state` (nested mappings of arrays, numbers, texts, None and lists of them) to `path` in one step.
-
-    The file is complete on disk before it takes its name, so a crash leaves the old one or the new one.
-    """
+    """Write `state` (nested mappings of arrays, numbers, texts, None and lists of them) to `path` atomically."""
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     tree = json.dumps(_split(state, arrays), allow_nan=True)
     buffer = io.BytesIO()
@@ -40,7 +37,7 @@ def save(path: Path, state: Mapping[str, Any]) -> None:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """The state that `save` wrote. Raises CheckpointError for anything but a whole file, FileNotFoundError for none."""
+    """Return the state that `save` wrote. Raises CheckpointError for an invalid file, FileNotFoundError for none."""
     data = path.read_bytes()
     start = len(MAGIC) + 32
     payload = data[start:]
@@ -56,7 +53,7 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def load_if_whole(path: Path) -> dict[str, Any] | None:
-    """The state at `path`, or None where there is no whole checkpoint."""
+    """Return the state at `path`, or None where there is no complete checkpoint."""
     try:
         return load(path)
     except (CheckpointError, FileNotFoundError, zipfile.BadZipFile):
@@ -64,7 +61,7 @@ def load_if_whole(path: Path) -> dict[str, Any] | None:
 
 
 def _split(value: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
-    """Plain data as it is, with each array replaced by its number."""
+    """Return plain data with each array replaced by its number."""
     if isinstance(value, np.ndarray):
         name = str(len(arrays))
         arrays[name] = value

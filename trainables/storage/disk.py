@@ -1,7 +1,6 @@
-"""The steps in which files change: each is one call of the system, and between any two of them a machine may die.
+"""The elementary file operations, each a single system call, between any two of which a machine may crash.
 
-Whatever must survive a crash is written through these, by `atomic`. The simulated driver of the tests puts
-its own in their place.
+`atomic` uses them to write whatever must survive a crash. Simulations in tests replace them.
 """
 
 from __future__ import annotations
@@ -12,48 +11,48 @@ from typing import BinaryIO
 
 
 def create(path: Path) -> BinaryIO:
-    """Open a file that is not there yet, with the mode that the process's umask gives."""
+    """Create and open a file that does not exist yet, with the mode given by the process's umask."""
     return open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb")
 
 
 def extend(path: Path) -> BinaryIO:
-    """Open a file at its end, made where it is missing."""
+    """Open a file at its end, creating it where it is missing."""
     return path.open("ab")
 
 
 def write(file: BinaryIO, data: bytes) -> None:
-    """Hand data to the system."""
+    """Write data to a file."""
     file.write(data)
     file.flush()
 
 
 def sync(file: BinaryIO) -> None:
-    """Wait until what was written is on the disk."""
+    """Wait until the written data is on the disk."""
     os.fsync(file.fileno())
 
 
 def truncate(path: Path, length: int) -> None:
-    """Cut a file off."""
+    """Truncate a file."""
     os.truncate(path, length)
 
 
 def replace(old: Path, new: Path) -> None:
-    """Give a file the name `new`, whatever had it before."""
+    """Rename a file to `new`, replacing any file there."""
     os.replace(old, new)
 
 
 def remove(path: Path) -> None:
-    """Remove a file, if it is there."""
+    """Remove a file if it exists."""
     path.unlink(missing_ok=True)
 
 
 def put(path: Path, data: bytes) -> None:
-    """Put an object into a store: whole, or not at all."""
+    """Write an object to an object store, atomically."""
     path.write_bytes(data)
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in `folder` last, where the system lets a folder be synchronised."""
+    """Make renames in `folder` durable, on systems that can synchronise a folder."""
     try:
         descriptor = os.open(folder, os.O_RDONLY)
     except OSError:

@@ -1,4 +1,4 @@
-"""Reading a file that a user has named, which may be anything."""
+"""Reading a file that a user has named, which may be of any kind."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from trainables.storage.paths import is_local
 def read_file(path: Path, most: int) -> bytes:
     """Return the contents of a file of at most that many bytes.
 
-    Raises InputError where it cannot be read, is larger, or is no file but a folder, a pipe or a device: reading one of
-    these may never end.
+    Raises InputError where it cannot be read, is larger, or is a folder, a pipe or a device, reading of which may
+    never end.
     """
     try:
         size = _size(path) if is_local(path) else 0
@@ -35,5 +35,5 @@ def read_file(path: Path, most: int) -> bytes:
 def _size(path: Path) -> int:
     found = os.stat(path)
     if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
-        raise InputError(f"cannot read {path}: it is no file, but a pipe or a device")
+        raise InputError(f"cannot read {path}: it is a pipe or a device, not a file")
     return 0 if stat.S_ISDIR(found.st_mode) else found.st_size  # reading a folder says what it is

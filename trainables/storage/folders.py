@@ -1,4 +1,4 @@
-"""Folders that can be written to, and files of a storage that must be on a disk for a while."""
+"""Writable folders, and local copies of a storage's files."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from trainables.storage.paths import is_local
 
 
 def absolute(path: Path) -> Path:
-    """A path without `~` or dots; a URL as it is."""
+    """Return a path without `~` and dots; a URL is unchanged."""
     return path.expanduser().resolve() if is_local(path) else path
 
 
 def make_folder(path: Path) -> Path:
-    """Create `path` and check that it can be written to; InputError where not. The absolute path."""
+    """Create `path`, and return it as an absolute path. Raises InputError where it is not writable."""
     path = absolute(path)
     try:
         if not is_local(path):
@@ -33,8 +33,8 @@ def make_folder(path: Path) -> Path:
 
 
 @contextmanager
-def workbench(folder: Path) -> Iterator[Path]:
-    """A folder on a disk for files that are to be in `folder`: itself, or one whose files are put there at the end."""
+def staged_folder(folder: Path) -> Iterator[Path]:
+    """Yield a local directory whose files are uploaded to `folder` on exit; `folder` itself if it is on a disk."""
     if is_local(folder):
         yield folder
         return
@@ -47,7 +47,7 @@ def workbench(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def local_copy(path: Path) -> Iterator[Path]:
-    """A file on a disk with the name and the contents of `path`."""
+    """Yield a file on a disk with the name and the content of `path`."""
     if is_local(path):
         yield path
         return

@@ -1,4 +1,4 @@
-"""Paths of a storage folder: on this machine's disks, or at a URL that fsspec knows (s3://BUCKET/FOLDER, gs://...)."""
+"""Paths of a storage folder: on a disk, or at a URL that fsspec supports (s3://BUCKET/FOLDER, gs://...)."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from urllib.parse import unquote
 from trainables.errors import InputError
 
 ON_DISK = ("", "file", "local")
-"""fsspec's names of the protocols of this machine's disks."""
+"""fsspec's protocols of local disks."""
 
 
 WRITABLE = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "adl", "hdfs", "webhdfs", "sftp", "ssh", "smb", "memory")
-"""fsspec's names of the protocols that a storage may be behind: others can only be read, or not be written twice."""
+"""fsspec's protocols for a storage; others are read-only, or cannot overwrite."""
 
 _PACKAGES = ("botocore", "aiobotocore", "s3fs", "gcsfs", "google", "azure", "adlfs", "aiohttp", "fsspec", "paramiko")
-"""Packages behind these protocols, each with errors of its own."""
+"""Packages that implement these protocols, each with its own exceptions."""
 
 
 def storage_path(text: str | Path) -> Path:
-    """Return the folder that `text` names: a path, or a URL, which then has Path's methods to read and to write.
+    """Return the folder that `text` names: a path, or a UPath for a URL, with the methods of Path.
 
-    Raises InputError for what names no folder, a URL of a protocol that cannot be written to, or without a bucket, one
-    whose package is not installed, and one that does not answer.
+    Raises InputError for text that names no folder, and for a URL whose protocol is read-only, that has no bucket,
+    whose package is not installed, or that does not answer.
     """
     if isinstance(text, Path):
         return text
@@ -41,18 +41,18 @@ def storage_path(text: str | Path) -> Path:
     from upath import UPath
 
     try:
-        path = UPath(text, use_listings_cache=False)  # others write to it too
+        path = UPath(text, use_listings_cache=False)  # other processes write to it too
         path.exists()
     except ImportError as error:
         raise InputError(f"the storage {text} needs a package: {error}") from None
-    except Exception as error:  # each protocol's package has errors of its own
-        get_filesystem_class(protocol).clear_instance_cache()  # what it was asked with may be another thing next time
+    except Exception as error:  # each protocol's package raises different errors
+        get_filesystem_class(protocol).clear_instance_cache()  # the environment may differ next time
         raise InputError(f"the storage {text} does not answer: {_words(error)}") from None
     return cast(Path, path)
 
 
 def _check_url(text: str, protocol: str) -> None:
-    """Raise InputError for a URL that no storage can be at, before any package is asked for it."""
+    """Raise InputError for a URL that cannot be a storage, before any package is imported for it."""
     if protocol not in WRITABLE:
         allowed = ", ".join(["file:///", *(f"{name}://" for name in WRITABLE)])
         raise InputError(f"a storage is a folder, or a URL that starts with {allowed} (got '{text}')")
@@ -61,7 +61,7 @@ def _check_url(text: str, protocol: str) -> None:
 
 
 def foreign(error: BaseException) -> str | None:
-    """Return what an error of a storage's package says, in a sentence; None for any other error."""
+    """Return the message of an error from a storage's package, as a sentence; None for any other error."""
     if type(error).__module__.partition(".")[0] not in _PACKAGES:
         return None
     return f"the storage does not answer: {_words(error)}"
@@ -72,16 +72,16 @@ def _words(error: BaseException) -> str:
 
 
 def default_storage() -> str:
-    """Return the storage that is meant where none is named: DELTATUNE_STORAGE, else the folder `results`."""
+    """Return the default storage: DELTATUNE_STORAGE, else the folder `results`."""
     return os.environ.get("DELTATUNE_STORAGE") or "results"
 
 
 def is_local(path: object) -> bool:
-    """Return whether a path is on a disk: it can be appended to, renamed and locked there.
+    """Return whether a path is on a disk, where files can be appended to, renamed and locked.
 
-    Before universal_pathlib 0.3 the path of a cloud was a `pathlib.Path` too, so that its own type is asked.
+    Before universal_pathlib 0.3 cloud paths were instances of `pathlib.Path` too, so this checks for UPath.
     """
-    if "upath" not in sys.modules:  # then nothing can be one of its paths
+    if "upath" not in sys.modules:  # then no path can be a UPath
         return isinstance(path, Path)
     from upath import UPath
 
@@ -89,12 +89,12 @@ def is_local(path: object) -> bool:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether there is a file of that name; False, too, for a name that no file can have."""
+    """Return whether there is a file of that name; False also for an invalid name."""
     return os.path.isfile(path) if is_local(path) else path.is_file()
 
 
 def sizes(folder: Path) -> dict[str, int]:
-    """Return the size of every file of a folder by its name, from one listing; empty where there is no folder."""
+    """Return the sizes of a folder's files by name, from one listing; empty without a folder."""
     try:
         if is_local(folder):
             with os.scandir(folder) as entries:

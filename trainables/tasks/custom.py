@@ -46,7 +46,7 @@ def _family(name: str, thing: Any) -> TaskFamily:
         try:
             thing = thing()
         except Exception as error:
-            raise InputError(f"{name} is not a task: calling it failed ({loader.in_words(error)})") from None
+            raise InputError(f"{name} is not a task: calling it failed ({loader.describe_error(error)})") from None
     if not isinstance(thing, TaskFamily):
         raise InputError(
             f"{names.short(name)} is not a task (it is {names.described(thing)}): make one with deltatune.task"

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from trainables.errors import InputError
-from trainables.plugins.loader import in_words
+from trainables.plugins.loader import describe_error
 from trainables.tasks.make import make_env
 from trainables.tasks.spec.family import ContextFeature, Task, Value
 
@@ -77,7 +77,7 @@ def rollout(env: gymnasium.Env[Any, Any], steps: int = STEPS) -> list[bytes]:
 
 def refused(question: str, error: Exception) -> Finding:
     """Return the finding that a task's code has raised `error`."""
-    return Finding(question, False, in_words(error))
+    return Finding(question, False, describe_error(error))
 
 
 def _asked(question: str, ask: Callable[[], tuple[bool | None, str]]) -> Finding:

@@ -13,7 +13,7 @@ from trainables import curve
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.knowledge import Knowledge
-from trainables.plugins.loader import in_words
+from trainables.plugins.loader import describe_error
 from trainables.storage import checkpoint
 from trainables.training.train import Training, train
 
@@ -111,7 +111,7 @@ class CellRun:
             checkpoint.save(self._path, {"training": self._training.state(), "points": self.points()})
         except Exception as error:
             if not self._unsaved:
-                log.warning("no checkpoint of %s: %s", _named(self.cell), in_words(error))
+                log.warning("no checkpoint of %s: %s", _named(self.cell), describe_error(error))
             self._unsaved = True
         self._saved = time.perf_counter()
 
@@ -144,7 +144,7 @@ class CellRun:
             try:
                 self._training.close()
             except Exception as error:
-                log.warning("%s could not be closed: %s", _named(self.cell), in_words(error))
+                log.warning("%s could not be closed: %s", _named(self.cell), describe_error(error))
 
     def _resume(self, path: Path) -> bool:
         """Go on from the last checkpoint; False where it cannot be used, and the cell has to start anew."""
@@ -156,7 +156,7 @@ class CellRun:
                 self._training.restore(state["training"])
                 self._before = before
         except Exception as error:
-            log.warning("%s starts anew, its checkpoint cannot be used: %s", _named(self.cell), in_words(error))
+            log.warning("%s starts anew, its checkpoint cannot be used: %s", _named(self.cell), describe_error(error))
             return False
         return True
 
@@ -176,7 +176,7 @@ class _Caught:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> bool:
         if not isinstance(error, Exception):
             return False
-        self._run.error = in_words(error)
+        self._run.error = describe_error(error)
         self._run.ended = True
         return True
 

@@ -56,7 +56,7 @@ def main() -> None:
         return  # the driver has ended, or is gone
     except Exception as error:
         with contextlib.suppress(OSError):
-            connection.send(Crashed(loader.in_words(error)))
+            connection.send(Crashed(loader.describe_error(error)))
 
 
 def _serve(connection: Connection) -> None:
