@@ -1,10 +1,10 @@
-"""Compilation of the tabular kernels by numba, with a disk cache that can never be stale.
+"""Compilation of kernels by numba, with a disk cache that is never stale.
 
-numba's own cache looks at the file of the compiled function alone; a kernel that calls a function of another
-file would go on running the old one after an upgrade. Here the cache folder is named by the contents of every
-file that has kernels or a constant that one of them imports (numba freezes it into the kernel): a changed line in
-any of these means a new compilation, and one elsewhere does not. Below that folder a kernel is found by its place in
-the package, so that another copy with the same contents (a second clone, what a job took along) compiles nothing.
+numba's cache only checks the file of the compiled function; a kernel that calls a function in another file would use
+the old one after an upgrade. Here the name of the cache folder is a hash of every file that has kernels, or a constant
+that a kernel imports (numba freezes it into the kernel): a change in one of these compiles everything again, and a
+change elsewhere nothing. In that folder a kernel is identified by its path within the package, so that another copy
+with the same content (a second clone, the code of a job) compiles nothing.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The tasks: environments with context features."""
+"""Tasks: environments with context features."""

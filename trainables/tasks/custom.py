@@ -1,4 +1,4 @@
-"""The task families that users bring, by their canonical names."""
+"""Custom task families by their canonical names."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from trainables.tasks.spec.family import TaskFamily
 
 
 def family(text: str) -> tuple[TaskFamily, str]:
-    """The family that `text` names, and the text of its features; a stand-in where the code is not there.
+    """Return the family that `text` names, and the text of its features; a placeholder where the code is missing.
 
-    Raises InputError for a file that nobody has loaded by its name, and for what is no task.
+    Raises InputError for a file that is not loaded, and for an object that is no task.
     """
     from trainables.tasks.missing import missing_family
 
@@ -30,13 +30,13 @@ def family(text: str) -> tuple[TaskFamily, str]:
 
 
 def installed_family(name: str) -> TaskFamily | None:
-    """The task that an installed package registers as `name`, called NAME@VERSION; None where none does."""
+    """Return the task that an installed package registers as `name`, under the name NAME@VERSION; or None."""
     found = entry_points.find("task", name)
     return _family(*found) if found else None
 
 
 _FAMILIES: dict[str, TaskFamily] = {}
-"""By canonical name: a name stands for one content."""
+"""By canonical name, which identifies the content."""
 
 
 def _family(name: str, thing: Any) -> TaskFamily:

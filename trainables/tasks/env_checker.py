@@ -1,4 +1,4 @@
-"""What every task must pass: equal bits at its defaults and its seed, an effect of every feature, sound numbers."""
+"""The checks of `deltatune check`: determinism, defaults equal to the plain environment, effective features."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ STEPS = 300
 
 @dataclass(frozen=True)
 class Finding:
-    """The answer to one question about a task."""
+    """The result of one check of a task."""
 
     question: str
     passed: bool | None
-    """None: the question does not arise."""
+    """None: the check does not apply."""
     answer: str
 
 
 def check(task: Task) -> Iterator[Finding]:
-    """The findings on a task, one after the other; nothing further where it cannot be built and stepped."""
+    """Yield the findings on a task; only the first where it cannot be built and stepped."""
     first = _asked("builds and steps", lambda: _spaces(task))
     yield first
     if not first.passed:
@@ -48,7 +48,7 @@ def check(task: Task) -> Iterator[Finding]:
 
 
 def steps_per_second(task: Task, seconds: float = 0.5) -> float:
-    """How fast the environment itself steps, resets included."""
+    """Return the environment's steps per second, resets included."""
     env, rng = make_env(task), np.random.default_rng(0)
     env.reset(seed=0)
     actions = _actions(env, rng, 1000)
@@ -64,7 +64,7 @@ def steps_per_second(task: Task, seconds: float = 0.5) -> float:
 
 
 def rollout(env: gymnasium.Env[Any, Any], steps: int = STEPS) -> list[bytes]:
-    """The bytes of every observation, reward and end under fixed actions and a fixed seed."""
+    """Return the bytes of every observation, reward and flag under fixed actions and a fixed seed."""
     seen = [np.asarray(env.reset(seed=7)[0]).tobytes()]
     for action in _actions(env, np.random.default_rng(1), steps):
         observation, reward, terminated, truncated, _ = env.step(action)
@@ -76,7 +76,7 @@ def rollout(env: gymnasium.Env[Any, Any], steps: int = STEPS) -> list[bytes]:
 
 
 def refused(question: str, error: Exception) -> Finding:
-    """Return the finding that a task's code has raised `error`."""
+    """Return the finding for an `error` of a task's code."""
     return Finding(question, False, describe_error(error))
 
 
@@ -108,7 +108,7 @@ def _deterministic(task: Task) -> tuple[bool, str]:
     first, second = rollout(make_env(task)), rollout(make_env(task))
     if first == second:
         return True, f"{STEPS} steps, twice"
-    return False, f"two environments part at step {_parting(first, second)}: draw from self.np_random alone"
+    return False, f"two environments differ at step {_parting(first, second)}: draw only from self.np_random"
 
 
 def _numbers(task: Task) -> tuple[bool, str]:
@@ -125,7 +125,7 @@ def _numbers(task: Task) -> tuple[bool, str]:
         if not np.isfinite(np.asarray(observation)).all() or not np.isfinite(rewards[-1]):
             return False, f"at step {step} {observation} with reward {reward}: not finite"
         if not outside and not space.contains(observation):
-            outside = f"; at step {step} outside of the space's bounds, which agents do not mind"
+            outside = f"; at step {step} outside the space's bounds, which agents tolerate"
         if terminated or truncated:
             env.reset()
     return True, f"finite, rewards from {min(rewards):g} to {max(rewards):g}{outside}"
@@ -133,11 +133,14 @@ def _numbers(task: Task) -> tuple[bool, str]:
 
 def _plain(task: Task) -> tuple[bool | None, str]:
     if task.family.plain is None:
-        return None, "there is no plain environment to hold it against"
+        return None, "there is no plain environment to compare with"
     default, plain = rollout(make_env(Task(task.family))), rollout(task.family.plain())
     if default == plain:
         return True, f"{STEPS} steps"
-    return False, f"they part at step {_parting(default, plain)}: are the features' defaults the environment's own?"
+    return (
+        False,
+        f"they differ at step {_parting(default, plain)}: are the features' defaults those of the environment?",
+    )
 
 
 def _model(task: Task) -> tuple[bool, str]:
@@ -148,16 +151,16 @@ def _model(task: Task) -> tuple[bool, str]:
         after, _, terminated, truncated, _ = env.step(action)
         row = model.transitions[[state * actions + action]].toarray()[0]
         if not row[after] > 0 or terminated != bool(model.terminal[after]):
-            return False, f"state {after} came after {state}, action {action}: the model has it otherwise"
+            return False, f"state {after} follows state {state} and action {action}, which the model excludes"
         state = env.reset()[0] if terminated or truncated else after
     return True, f"{10 * STEPS} steps"
 
 
 def _effect(task: Task, feature: ContextFeature) -> tuple[bool | None, str]:
-    """Whether some other value changes what comes: the exact model, or a rollout.
+    """Return whether some other value changes the exact model or a rollout.
 
-    None for an attribute of a Gymnasium environment that random actions do not show: they may never get to the goal
-    whose position it is.
+    None for an attribute of a Gymnasium environment without effect under random actions, which may never get to where
+    it matters.
     """
     default, tried = _behaviour(Task(task.family)), []
     for value in _others(feature):
@@ -185,7 +188,7 @@ def _behaviour(task: Task) -> Any:
 
 
 def _others(feature: ContextFeature) -> Iterator[Value]:
-    """Values beside the default, small changes first."""
+    """Yield values other than the default, small changes first."""
     texts = list(feature.named)
     if isinstance(feature.default, float):
         texts += ["1.1x", "2x", "0.5x", *(repr(feature.default + by) for by in (1.0, -1.0, 10.0, -10.0)), "1", "5", "2"]

@@ -24,11 +24,11 @@ PREFIX = "gym"
 _LOG = logging.getLogger("deltatune.tasks")
 
 LEVELS = 3.0
-"""Values of each dimension of a continuous action where `levels` does not say (the paper's, for Reacher)."""
+"""Default number of values of each dimension of a continuous action (the paper's for Reacher)."""
 
 
 def split(text: str) -> tuple[str, str]:
-    """'gym:ENV_ID:features' to ('gym:ENV_ID', 'features'); an id's own 'module:' stays with it."""
+    """Split 'gym:ENV_ID:features' into ('gym:ENV_ID', 'features'); a 'module:' in the id stays with it."""
     match = re.fullmatch(r"(gym:(?:[\w.]+:(?=[\w/-]+-v\d))?[^:]+)(?::(.*))?", text)
     if match is None:
         raise InputError(f"task '{text}': write gym:ENVIRONMENT-ID, such as gym:MountainCar-v0")
@@ -37,9 +37,9 @@ def split(text: str) -> tuple[str, str]:
 
 @functools.lru_cache(maxsize=256)
 def family(name: str, paths: tuple[str, ...]) -> TaskFamily:
-    """The family of one environment id, with the attribute `paths` as its context features.
+    """Return the family of an environment id, with the attribute `paths` as its context features.
 
-    Raises InputError for an unknown environment, and a path that is no number there.
+    Raises InputError for an unknown environment, and for a path that is no number there.
     """
     from trainables.tasks.wrappers.discretise import levels_feature
 
@@ -70,7 +70,7 @@ def _make(name: str) -> gymnasium.Env:
         raise unknown("Gymnasium environment", identity, [key for key in gymnasium.registry if key[:1] == identity[:1]])
     try:
         env = gymnasium.make(identity)
-    except Exception as error:  # whatever the environment's own code raises
+    except Exception as error:  # whatever the environment's code raises
         text = " ".join(str(error).split())
         raise InputError(f"task '{name}': {text or type(error).__name__}") from None
     return env
@@ -100,7 +100,7 @@ def _feature(name: str, env: Any, path: str) -> ContextFeature:
 
 
 def _build(name: str, context: Context) -> gymnasium.Env:
-    """The environment with the attributes of `context` set, and as many actions as its `levels` make."""
+    """Return the environment with the attributes of `context`, its actions discretised by `levels`."""
     from trainables.tasks.wrappers.discretise import discretise
 
     env = _make(name)
@@ -121,7 +121,7 @@ def _build(name: str, context: Context) -> gymnasium.Env:
 
 
 def _check(name: str, context: Context) -> None:
-    """Refuse too many actions and a value that cannot be set; warn of a change that 100 random steps do not show."""
+    """Raise InputError for too many actions or a value that cannot be set; warn of a change without effect."""
     values = dict(context)
     levels = {"levels": values.pop("levels")} if _continuous(_make(name)) else {}
     plain = _build(name, levels)
@@ -131,7 +131,7 @@ def _check(name: str, context: Context) -> None:
         try:
             changed = _build(name, {**levels, path: value})
             same = _rollout(changed) == _rollout(_build(name, levels))
-        except Exception as error:  # the environment's own code, with a value that it may not know
+        except Exception as error:  # the environment's code, with a value that it may not support
             raise InputError(f"task '{name}': {path} cannot be set to {value:g} ({error})") from None
         if same:
             _LOG.warning(

@@ -1,4 +1,4 @@
-"""Building the environment of a task."""
+"""Builds the environment of a task."""
 
 from __future__ import annotations
 

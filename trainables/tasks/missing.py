@@ -1,4 +1,4 @@
-"""Stand-ins for custom tasks whose code is not loaded, so that their results can still be read."""
+"""Placeholders for custom tasks whose code is not loaded, so that their results can still be read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trainables.plugins.notes import _NOTES, _sentence
 
 
 def missing_family(name: str, features: str) -> TaskFamily:
-    """A task family of which nothing but its name and its notes is known."""
+    """Return a placeholder for a task family of which only the name and the notes are known."""
 
     def refuse(*_: object) -> NoReturn:
         raise InputError(_sentence("task", name))

@@ -1,4 +1,4 @@
-"""The tasks that have a name. Add one: write its file, and add its module to `families`."""
+"""The registry of tasks. To add one, write its module and add it to `families` (docs/extending.md)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["ContextFeature", "Task", "TaskFamily", "Value", "all_families", "fam
 
 @functools.cache
 def families() -> dict[str, TaskFamily]:
-    """The registered task families by name."""
+    """Return the registered task families by name."""
     from trainables.tasks.builtin import acrobot, cartpole, lunar_lander, reacher, supply_chain, windy_gridworld
 
     modules = (
@@ -35,16 +35,16 @@ def families() -> dict[str, TaskFamily]:
 
 
 def all_families() -> list[TaskFamily]:
-    """The registered task families, those of installed packages included."""
+    """Return the registered task families, those of installed packages included."""
     brought = [custom.installed_family(name) for name in entry_points.names("task")]
     return [*families().values(), *(family for family in brought if family is not None)]
 
 
 def parse_task(text: str) -> Task:
-    """The task called NAME[:FEATURE=VALUE,...], gym:ENV_ID[:attribute.path=VALUE,...] or FILE.py@PIN:NAME[:...].
+    """Return the task NAME[:FEATURE=VALUE,...], gym:ENV_ID[:attribute.path=VALUE,...] or FILE.py@PIN:NAME[:...].
 
-    Raises InputError for an unknown name or feature (with the list of what there is), a value out of its
-    range, and a feature that is given twice. A task whose file or package is not there can be read, not built.
+    Raises InputError for an unknown name or feature (with the list of known ones), a value out of its range, and a
+    feature that is given twice. A task whose file or package is missing is a placeholder that cannot be built.
     """
     text = text.strip()
     return _task(text, *custom.family(text)) if names.is_custom(text) else _known(text)
@@ -72,7 +72,7 @@ def _task(text: str, family: TaskFamily, features: str) -> Task:
 
 
 def _family(text: str) -> tuple[TaskFamily, str]:
-    """The family that `text` names, and the text of its features."""
+    """Return the family that `text` names, and the text of its features."""
     if text.startswith(f"{gymnasium_task.PREFIX}:"):
         name, features = gymnasium_task.split(text)
         paths = tuple(part.partition("=")[0].strip() for part in split_features(features))
@@ -88,5 +88,5 @@ def _family(text: str) -> tuple[TaskFamily, str]:
 
 @functools.lru_cache(maxsize=4)
 def model_of(task: str) -> TransitionModel:
-    """The transition model of the task called `task`, kept for the next caller."""
+    """Return the transition model of the task called `task`; the last one is cached."""
     return parse_task(task).model()

@@ -1,4 +1,4 @@
-"""Episodes of a deep task as transitions."""
+"""Transitions from episodes of a deep task."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from trainables.tasks.step_env import Environment
 
 
 class Rollout:
-    """One environment that plays whole episodes."""
+    """Plays whole episodes in one environment."""
 
     def __init__(self, task: Task, rng: np.random.Generator) -> None:
         self._env, self._rng = Environment(make_env(task)), rng
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(inputs, actions)."""
+        """(inputs, actions) of the task."""
         return self._env.inputs, self._env.actions
 
     def episode(self, source: Values | None, epsilon: float = 0.0) -> Transitions:
-        """One episode under the source's epsilon-greedy policy; under uniformly random actions without one."""
+        """Play an episode of the source's epsilon-greedy policy, or of random actions without a source."""
         observation = self._env.reset(int(self._rng.integers(2**31)))
         steps: list[tuple[Any, ...]] = []
         done = False
@@ -49,10 +49,10 @@ F32 = NDArray[np.float32]
 
 
 class Values(Protocol):
-    """What is asked of a source network here."""
+    """The interface of a source network here."""
 
     def rows(self, observations: F32) -> F32:
-        """Q(s, .) (n, actions) at observations (n, inputs)."""
+        """Return Q(s, .) (n, actions) at observations (n, inputs)."""
 
 
 class Transitions(NamedTuple):

@@ -1,4 +1,4 @@
-"""A task's environment as the deep agents step it: float32 vectors, whole numbers as actions, no wrapper in between."""
+"""A fast interface to a task's environment for deep agents: float32 vectors, integer actions, no wrappers."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from trainables.tasks.wrappers.unwrap import unwrap
 
 
 class _Unchecked(Discrete):
-    """Actions that come from an argmax are in range: the check that every step makes costs as much as its physics."""
+    """An action space without the check of every action, which takes as long as the physics of a step."""
 
     def contains(self, x: Any) -> bool:
-        """Always."""
+        """Return True, since an action from an argmax is in range."""
         return True
 
 
 class Environment:
-    """One environment. Each episode begins from its own seed, so no state but the caller's outlives an episode.
+    """One environment. Each episode has a separate seed, so no state of the environment outlives an episode.
 
-    Where the environment has a compiled simulator, that takes its steps: the same bits in a fraction of the time.
+    If the environment has a compiled simulator, that takes the steps: the same bits in a fraction of the time.
     """
 
     def __init__(self, env: gymnasium.Env, simulated: bool = True) -> None:
-        """Raises InputError for actions that are not discrete. simulated: whether a simulator may take the steps."""
+        """Raise InputError for actions that are not discrete. simulated: whether a simulator may take the steps."""
         if not isinstance(env.action_space, Discrete):
             raise InputError(f"the environment's actions are not discrete ({env.action_space})")
         self.actions = int(env.action_space.n)
@@ -47,7 +47,7 @@ class Environment:
         self.simulator = simulator_of(self._env, self._first, self.actions) if simulated and self._plain else None
         """The compiled simulator; None where the environment itself takes the steps."""
         self.state = np.zeros(0)
-        """(k,): where a simulator is; the environment itself keeps its own."""
+        """(k,): the state of the simulator, if there is one."""
         self._observation = np.zeros(self.inputs, np.float32)
 
     def close(self) -> None:
@@ -55,7 +55,7 @@ class Environment:
         self._env.close()
 
     def reset(self, seed: int) -> F32:
-        """The first observation (inputs,) of a new episode."""
+        """Return the first observation (inputs,) of a new episode."""
         self._left = self.time_limit
         if self.simulator is not None:
             observation, self.state = start(self._env, seed)
@@ -64,7 +64,7 @@ class Environment:
         return self._vector(observation)
 
     def step(self, action: int) -> tuple[F32, float, bool, bool]:
-        """(next observation (inputs,), reward, terminated, truncated); the time limit truncates."""
+        """Return (next observation (inputs,), reward, terminated, truncated); the time limit truncates."""
         self._left -= 1
         if self.simulator is not None:
             kind, parameters, controls = self.simulator.physics
@@ -80,11 +80,11 @@ class Environment:
 
 
 Shape = tuple[int, int]
-"""(states, actions) of a tabular task, (inputs, actions) of another."""
+"""(states, actions) of a tabular task, (inputs, actions) of a deep one."""
 
 
 def task_shape(task: Task) -> Shape:
-    """What knowledge of `task` must be shaped for."""
+    """Return the shape that knowledge of `task` must fit."""
     if task.tabular:
         dynamics = task.dynamics()
         return dynamics.states, dynamics.actions

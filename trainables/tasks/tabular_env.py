@@ -19,7 +19,7 @@ from trainables.tasks.spec.tabular_model import Dynamics
 def step(
     kind: int, state: int, action: int, parameters: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[int, float, bool]:
-    """One step of the task `kind`: (next state, reward, terminated)."""
+    """Take a step of the task `kind`; return (next state, reward, terminated)."""
     if kind == windy_gridworld_model.KIND:
         return windy_gridworld_model.step(state, action, parameters, rng)
     if kind == from_model.KIND:
@@ -39,13 +39,13 @@ class TabularEnv(gymnasium.Env[Any, Any]):
         self.action_space = spaces.Discrete(dynamics.actions)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[int, dict[str, Any]]:
-        """Back to the start state."""
+        """Return to the start state."""
         super().reset(seed=seed, options=options)
         self._state = self._dynamics.start
         return self._state, {}
 
     def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
-        """One step of the same function that the compiled training loop calls."""
+        """Take a step with the function that the compiled training loop calls."""
         self._state, reward, terminated = step(
             self._dynamics.kind, self._state, int(action), self._dynamics.parameters, self.np_random
         )
@@ -53,5 +53,5 @@ class TabularEnv(gymnasium.Env[Any, Any]):
 
 
 def make(dynamics: Dynamics) -> gymnasium.Env[Any, Any]:
-    """The environment of `dynamics`, truncated at its time limit."""
+    """Return the environment of `dynamics`, truncated at its time limit."""
     return TimeLimit(TabularEnv(dynamics), dynamics.time_limit)

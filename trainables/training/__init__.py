@@ -1,1 +1,1 @@
-"""Training a cell: train(cell, source), and the shell of Ray Tune around it."""
+"""Training of cells: train(cell, source), and Ray Tune trainables around it."""

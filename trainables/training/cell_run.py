@@ -1,4 +1,4 @@
-"""Running one cell from its first evaluation, or its last checkpoint, to its end: what a worker does, without Ray."""
+"""Runs one cell from its first evaluation, or its last checkpoint, to its end, without Ray."""
 
 from __future__ import annotations
 
@@ -19,40 +19,40 @@ from trainables.training.train import Training, train
 
 OnPoint = Callable[[EvalPoint], None]
 GiveSource = Callable[[Cell], Knowledge | None]
-"""Gives the knowledge that a cell's source names."""
+"""Returns the knowledge of a cell's sources."""
 
 log = logging.getLogger("deltatune.training")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a cell."""
+    """The outcome of a cell, as its worker reports it."""
 
     cell: Cell
     status: Literal["done", "failed", "stopped"]
     error: str | None
     """Why it failed, or was stopped, in a sentence."""
     points: dict[str, list[float | int | None]]
-    """The evaluation curve as columns; of a failed or stopped cell, as far as it went."""
+    """The evaluation curve as columns; for a failed or stopped cell, up to its end."""
     digest: str
     """`curve.digest` of the points."""
     seconds: float
-    """Seconds that the cell took."""
+    """Wall time of the cell."""
     knowledge: bytes | None = None
-    """What was learned, where that was wanted."""
+    """What was learned, if it was to be kept."""
 
     @classmethod
     def of(cls, cell: Cell, error: str, points: Any, seconds: float) -> Outcome:
-        """Return the outcome of a cell that is done, or failed where there is an error."""
+        """Return the outcome of a cell: failed if there is an error, else done."""
         return cls(cell, "failed" if error else "done", error or None, points, curve.digest(points), seconds)
 
 
 class CellRun:
-    """Runs a cell evaluation by evaluation; an exception ends it as a failure, which is an outcome too.
+    """Runs a cell evaluation by evaluation; an exception makes it a failed cell.
 
-    keep: whether what is learned is wanted. checkpoints: a folder for the cell's state, from which a later run goes on
-    bit for bit; None: no checkpoints. checkpoint_seconds: time between two of them. saved: the ids of the cells that
-    have one; None: look.
+    keep: whether the outcome includes the knowledge. checkpoints: a folder for the cell's state, from which a later run
+    continues bit for bit; None: no checkpoints. checkpoint_seconds: time between two of them. saved: the ids of cells
+    with a checkpoint; None: unknown.
     """
 
     def __init__(
@@ -81,11 +81,11 @@ class CellRun:
                 self._path = checkpoints / f"{cell.id}.checkpoint"
                 if (saved is None or cell.id in saved) and not self._resume(self._path):
                     self._training.close()
-                    self._training = train(cell, knowledge)  # the old one may be half restored
+                    self._training = train(cell, knowledge)  # the old one may be partly restored
 
     @property
     def evaluations(self) -> int:
-        """Evaluations so far, those before the last checkpoint included."""
+        """Return the number of evaluations so far, those before the last checkpoint included."""
         return len(self._before["episode"]) + len(self._points)
 
     def step(self) -> EvalPoint | None:
@@ -104,7 +104,7 @@ class CellRun:
         return point
 
     def save(self) -> None:
-        """Save a checkpoint, best effort: what prevents it is logged, and never ends the cell."""
+        """Save a checkpoint. Best effort: an error, such as a full disk, is logged and does not end the cell."""
         if self._path is None or self._training is None or not self._points:
             return
         try:
@@ -116,7 +116,7 @@ class CellRun:
         self._saved = time.perf_counter()
 
     def points(self, start: int = 0) -> dict[str, Any]:
-        """The evaluation curve so far, from evaluation `start` on, as columns."""
+        """Return the evaluation curve so far, from evaluation `start` on, as columns."""
         before = len(self._before["episode"])
         if start >= before:
             return curve.columns(self._points[start - before :])
@@ -125,11 +125,11 @@ class CellRun:
         )
 
     def returns(self) -> list[float]:
-        """The greedy returns so far."""
+        """Return the greedy returns so far."""
         return [*self._before["greedy_return"], *(point.greedy_return for point in self._points)]
 
     def outcome(self) -> Outcome:
-        """What came of the cell."""
+        """Return the cell's outcome."""
         knowledge: bytes | None = None
         if self._keep and not self.error and self._training is not None:
             with self._caught():
@@ -139,7 +139,7 @@ class CellRun:
         return replace(Outcome.of(self.cell, self.error, table, seconds), knowledge=knowledge)
 
     def close(self) -> None:
-        """Close what the learner holds open; an error there is logged, for the cell has ended."""
+        """Close the learner; an error is only logged, since the cell has ended."""
         if self._training is not None:
             try:
                 self._training.close()
@@ -147,7 +147,7 @@ class CellRun:
                 log.warning("%s could not be closed: %s", _named(self.cell), describe_error(error))
 
     def _resume(self, path: Path) -> bool:
-        """Go on from the last checkpoint; False where it cannot be used, and the cell has to start anew."""
+        """Continue from the last checkpoint; return False where it is unusable and the cell has to start again."""
         assert self._training is not None
         try:
             state = checkpoint.load_if_whole(path)
@@ -156,7 +156,7 @@ class CellRun:
                 self._training.restore(state["training"])
                 self._before = before
         except Exception as error:
-            log.warning("%s starts anew, its checkpoint cannot be used: %s", _named(self.cell), describe_error(error))
+            log.warning("%s starts again, its checkpoint is unusable: %s", _named(self.cell), describe_error(error))
             return False
         return True
 
@@ -165,7 +165,7 @@ class CellRun:
 
 
 class _Caught:
-    """Turns an exception into the end of a cell, with its cause in a sentence."""
+    """Turns an exception into the failure of a cell, with the cause in a sentence."""
 
     def __init__(self, run: CellRun) -> None:
         self._run = run
@@ -192,9 +192,9 @@ def run_cell(
     on_point: OnPoint = lambda point: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Outcome | None:
-    """Run a cell to its end (see `CellRun`), telling `on_point` of each evaluation of this call.
+    """Run a cell to its end (see `CellRun`), calling `on_point` with each evaluation, and return its outcome.
 
-    stop: is asked after each evaluation; where it says so, the cell is checkpointed and there is no outcome: None.
+    stop: called after each evaluation; if it returns True, the cell is checkpointed, and the result is None.
     """
     run = CellRun(cell, source, keep=keep, checkpoints=checkpoints, checkpoint_seconds=checkpoint_seconds, saved=saved)
     try:
@@ -213,10 +213,10 @@ def _named(cell: Cell) -> str:
 
 
 def lost(cell: Cell, error: str, seconds: float) -> Outcome:
-    """Return the outcome of a cell whose worker cannot tell it any more."""
+    """Return the outcome of a cell whose worker is lost."""
     return Outcome.of(cell, error, curve.columns([]), seconds)
 
 
 def stopped(cell: Cell, reason: str, points: dict[str, Any]) -> Outcome:
-    """Return the outcome of a cell that a scheduler has ended early, with the curve up to there."""
+    """Return the outcome of a cell that a scheduler has stopped early, with its curve so far."""
     return replace(Outcome.of(cell, reason, points, points["seconds"][-1]), status="stopped")

@@ -1,4 +1,4 @@
-"""The seeds of one configuration side by side, so that a scheduler can stop them together by their mean."""
+"""Trains the seeds of one configuration side by side, so that a scheduler can stop them together by their mean."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ class Rung:
 
     evaluations: int
     score: float
-    """Mean over the runs of the mean greedy return so far: what the AUC will be at the end."""
+    """Mean over the runs of the mean greedy return so far, which at the end is the AUC."""
 
 
 def lockstep(runs: Sequence[CellRun], stop: Callable[[], bool] = lambda: False) -> Iterator[Rung]:
-    """Step the run that is furthest behind, and yield a Rung whenever all have got one further.
+    """Step the run that is farthest behind, and yield a Rung whenever all have reached another evaluation.
 
-    A run that fails leaves the others to go on without it. Runs that were resumed from checkpoints of different ages
-    catch up first. stop: is asked after each step; then all are checkpointed.
+    A run that fails does not affect the others. Runs resumed from checkpoints of different ages catch up first.
+    stop: called after each step; if it returns True, all runs are checkpointed.
     """
     reached = min(run.evaluations for run in runs)
     while live := [run for run in runs if not run.ended]:

@@ -1,4 +1,4 @@
-"""Greedy policies: a learner's as it stands, and that of source knowledge on a task."""
+"""Greedy policies of a learner, and of source knowledge on a task."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from trainables.tasks.spec.family import Task
 from trainables.tasks.step_env import task_shape
 
 Policy = Callable[[Any], int]
-"""State (tabular tasks) or observation (inputs,) float32 to action; actions are numbered from 0."""
+"""Maps a state (tabular tasks) or an observation (inputs,) float32 to an action, numbered from 0."""
 
 
 def learned_policy(learner: Learner) -> Policy:
-    """Return what greedy evaluation of a learner follows: its source's policy, say, while its gate is open.
+    """Return the policy that greedy evaluation of a learner follows, such as its source's while its gate is open.
 
-    Raises InputError for a custom learner that says neither `policy()` (S,) nor `preferences(observations)`.
+    Raises InputError for a custom learner with neither `policy()` (S,) nor `preferences(observations)`.
     """
     policy, preferences = getattr(learner, "policy", None), getattr(learner, "preferences", None)
     if callable(policy):

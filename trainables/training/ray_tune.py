@@ -1,4 +1,4 @@
-"""The Ray Tune shells around `train`: one trainable per agent/task pair, and the one that a sweep runs its cells by."""
+"""Ray Tune trainables around `train`: one per agent and task, and the one with which a sweep runs its cells."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from trainables.training.worker import Reached, Report, Started, StopFile, Worke
 Config = dict[str, Any]
 
 TIME, METRIC = "evaluations", "score"
-"""What `run_cells` reports of cells that run together."""
+"""Keys that `run_cells` reports for cells that run together."""
 
 RESERVED = ("seed", "source", "source_file")
 """Keys of a trainable's config that are no hyperparameters."""
 
 
 def trainable(agent: str, task: str) -> Callable[[Config], None]:
-    """A function trainable for `tune.Tuner` that trains `agent` on `task` and reports each greedy evaluation.
+    """Return a function trainable for `tune.Tuner` that trains `agent` on `task` and reports each greedy evaluation.
 
     config: the agent's hyperparameters, and
       seed         (default 0)
       source       the source task (default: the task's family at its defaults)
-      source_file  a file of the source library (.npz); without it the source is exact, which only tabular tasks have
+      source_file  a file of the source library (.npz); without it the source is exact, which needs a tabular task
     Each report has episode, step, greedy_return, discounted_return, training_return, the statistics of delta and
     the gate, auc (the mean of the curve so far) and cell_id. Raises InputError for an unknown agent or task.
     """
@@ -57,14 +57,14 @@ def trainable(agent: str, task: str) -> Callable[[Config], None]:
 
 
 def metrics(point: EvalPoint) -> dict[str, float]:
-    """An evaluation as a flat dictionary of numbers; what the point lacks is left out."""
+    """Return an evaluation as a flat dictionary of numbers, without missing ones."""
     values = {field: getattr(point, field) for field in curve.FIELDS} | dict(point.statistics)
     values["steps_per_second"] = point.step / point.seconds if point.seconds else None
     return {name: value for name, value in values.items() if value is not None}
 
 
 def register_all() -> list[str]:
-    """Register every agent with every task of the paper under the name `agent/task`; the names, in order."""
+    """Register every agent with every task of the paper under the name `agent/task`, and return the names."""
     names = []
     for family in families().values():
         for task in dict.fromkeys((family.name, *family.targets)):
@@ -92,10 +92,10 @@ def _cell(agent: str, task: str, config: Config) -> tuple[Cell, Knowledge | None
 
 
 def run_cells(config: Config, payload: WorkerPayload) -> None:
-    """A sweep's trainable: run the cells of config["cells"] (see `worker.run_pack`), and report what comes of each.
+    """Run the cells of config["cells"] (see `worker.run_pack`), and report their outcomes: a sweep's trainable.
 
-    config["together"]: run them side by side; their reports have `evaluations` and `score` for a scheduler to judge.
-    Each report has `report`, the message that the sweep's callback takes over.
+    config["together"]: run them side by side, with `evaluations` and `score` for a scheduler in the reports. Each
+    report has the key `report`, which the sweep's callback processes.
     """
     one_thread()
     loader.install(payload.plugins)

@@ -1,4 +1,4 @@
-"""How fast an agent learns a task, measured on the spot, and what its cells would cost at that rate."""
+"""Measures the speed of an agent on a task, and estimates the cost of its cells."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 
 SECONDS = 1.0
-"""Time that one measurement trains for."""
+"""Length of one measurement."""
 
 WINDOWS = 2
-"""Parts of a measurement; the faster one counts, for something may be compiled in the other."""
+"""Parts of a measurement, of which the faster one counts, since the other may include compilation."""
 
 EVALUATION_EPISODES = 5
-"""Most episodes of an evaluation while measuring."""
+"""Largest number of episodes of an evaluation while measuring."""
 
 
 @dataclass(frozen=True)
 class Rate:
-    """What one agent's training on one task was measured to take."""
+    """The measured speed of an agent's training on a task."""
 
     seconds_per_step: float
-    """Environment step and learner update."""
+    """Environment step and learner update together."""
     steps_per_episode: float
-    """In the episodes that were measured, an agent's first."""
+    """In the measured episodes, which are an agent's first."""
     time_limit: int
-    """Most steps of an episode."""
+    """Largest number of steps of an episode."""
     seconds_per_evaluation: float
 
     def seconds(self, hyperparameters: dict[str, Any], steps_per_episode: float | None = None) -> float:
-        """Seconds of one cell, with episodes of that many steps (default: as measured)."""
+        """Return the seconds of a cell, with episodes of that many steps (default: as measured)."""
         steps = steps_per_episode or self.steps_per_episode
         episodes = int(hyperparameters["episodes"])
         evaluations = 1 + -(-episodes // int(hyperparameters["evaluate_every"]))
@@ -45,14 +45,14 @@ class Rate:
 
 
 def measure(cell: Cell, seconds: float = SECONDS) -> Rate:
-    """Train what `cell` asks for, for about that many seconds, and time it. Its source is a stand-in, hardly trained.
+    """Train `cell` for about that many seconds, with a placeholder source that is hardly trained; return its speed.
 
-    Raises whatever the task's own code raises.
+    Raises whatever the task's code raises.
     """
     cell, scale = _with_short_evaluations(cell)
     learner = new_learner(cell, _stand_in(cell) if cell.sources else None)
     before = 0
-    while before <= int(cell.hyperparameters.get("batch_size", 0)):  # until it updates, and has been compiled
+    while before <= int(cell.hyperparameters.get("batch_size", 0)):  # until it updates, and is compiled
         learner.run(1)
         before = learner.evaluate().step
     windows = []
@@ -69,7 +69,7 @@ def measure(cell: Cell, seconds: float = SECONDS) -> Rate:
 
 
 def _with_short_evaluations(cell: Cell) -> tuple[Cell, float]:
-    """The cell with few episodes to an evaluation, and how much longer its own evaluations take."""
+    """Return the cell with few episodes per evaluation, and how much longer its original evaluations take."""
     episodes = int(cell.hyperparameters.get("evaluation_episodes", 0))
     if episodes <= EVALUATION_EPISODES:
         return cell, 1.0
@@ -78,7 +78,7 @@ def _with_short_evaluations(cell: Cell) -> tuple[Cell, float]:
 
 
 def _stand_in(cell: Cell) -> Knowledge:
-    """What the cell's base agent knows after one episode on each source task."""
+    """Return the knowledge of the cell's base agent after one episode on each source task."""
     agent = agent_named(cell.agent)
     base = agent_named(str(agent.base))
     values = {key: value for key, value in cell.hyperparameters.items() if key in base.hyperparameters.model_fields}
@@ -91,7 +91,7 @@ def _stand_in(cell: Cell) -> Knowledge:
 
 
 def probe(agent: str, task: str, source: str | None, hyperparameters: dict[str, Any]) -> Cell:
-    """A cell to be measured; `source` is the source task of an agent that needs one."""
+    """Return a cell to measure; `source` is the source task of an agent that needs one."""
     needs = agent_named(agent).needs_source
     given = Source(task=source or task, kind="learned", cell_id="0" * 16, steps=10_000_000) if needs else None
     if given is not None and parse_task(given.task).tabular:

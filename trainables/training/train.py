@@ -1,4 +1,4 @@
-"""train(cell, source): one cell from its first greedy evaluation to its last. No Ray, no MLflow."""
+"""train(cell, source): trains one cell from its first greedy evaluation to its last, without Ray and MLflow."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trainables.training.policy import Policy, learned_policy
 
 
 class Training(Iterator[EvalPoint]):
-    """The evaluation points of one cell, each computed when it is asked for."""
+    """Iterates over the evaluation points of a cell, computing each on demand."""
 
     def __init__(self, cell: Cell, source: Knowledge | None = None) -> None:
         self.cell = cell
@@ -26,7 +26,7 @@ class Training(Iterator[EvalPoint]):
         self._started = time.perf_counter()
 
     def __next__(self) -> EvalPoint:
-        """Train up to the next evaluation, and evaluate. Raises TrainingError for a point with a number not finite."""
+        """Train up to the next evaluation, and return its point. Raises TrainingError for NaN and infinities."""
         settings = self.cell.settings
         if self._episodes is None:
             self._episodes = 0
@@ -39,20 +39,20 @@ class Training(Iterator[EvalPoint]):
         return EvalPoint.checked(self._learner.evaluate(), time.perf_counter() - self._started)
 
     def knowledge(self) -> Knowledge:
-        """What the agent has learned so far: after the last point, the source knowledge of a later transfer."""
+        """Return what the agent has learned so far, which can be the source knowledge of a later transfer."""
         return self._learner.knowledge()
 
     def policy(self) -> Policy:
-        """Return the greedy policy as it stands; InputError for a custom learner that does not say it."""
+        """Return the present greedy policy. Raises InputError for a custom learner that does not define one."""
         return learned_policy(self._learner)
 
     @property
     def resumable(self) -> bool:
-        """Whether `state` and `restore` work: those of a custom learner that lacks them do not."""
+        """Whether `state` and `restore` work; a custom learner may lack them."""
         return isinstance(self._learner, Resumable)
 
     def state(self) -> dict[str, Any]:
-        """Everything needed to go on after the last point, for `checkpoint.save`."""
+        """Return everything needed to continue after the last point, for `checkpoint.save`."""
         assert isinstance(self._learner, Resumable)
         seconds = time.perf_counter() - self._started
         return {
@@ -63,7 +63,7 @@ class Training(Iterator[EvalPoint]):
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `state` returned. Raises InputError where it is another cell's."""
+        """Continue from what `state` returned. Raises InputError for another cell's state."""
         assert isinstance(self._learner, Resumable)
         if state["cell"] != self.cell.id:
             raise InputError(f"the checkpoint is of cell {state['cell']}, not of {self.cell.id}")
@@ -72,16 +72,16 @@ class Training(Iterator[EvalPoint]):
         self._learner.restore(state["learner"])
 
     def close(self) -> None:
-        """Let the learner close what it holds open, such as its environments, where it has a `close`."""
+        """Call the learner's `close` if it has one, which closes its environments."""
         close = getattr(self._learner, "close", None)
         if callable(close):
             close()
 
 
 def train(cell: Cell, source: Knowledge | None = None) -> Training:
-    """Iterate over the EvalPoints of `cell`; equal bits wherever and whenever it runs.
+    """Return an iterator over the EvalPoints of `cell`, with the same bits wherever it runs.
 
-    source: the knowledge that `cell.sources` name. An exact source is computed where it is not given.
+    source: the knowledge of `cell.sources`. An exact source is computed if it is not given.
     Raises InputError where a learned source is missing or does not fit the task.
     """
     if cell.sources and source is None:
@@ -94,7 +94,7 @@ def train(cell: Cell, source: Knowledge | None = None) -> Training:
 
 
 def source_knowledge(cell: Cell, load: Callable[[str], Knowledge]) -> Knowledge:
-    """What the sources of `cell` know, as one: learned ones by `load(cell_id)`, exact ones computed."""
+    """Return the joined knowledge of the sources of `cell`: learned ones by `load(cell_id)`, exact ones computed."""
     return joined(
         [
             load(str(source.cell_id))
@@ -106,5 +106,5 @@ def source_knowledge(cell: Cell, load: Callable[[str], Knowledge]) -> Knowledge:
 
 
 def exact_source(task: str, gamma: float) -> Knowledge:
-    """Q* of `task` by value iteration, as source knowledge."""
+    """Return Q* of `task`, by value iteration, as source knowledge."""
     return Knowledge({"q": exact_q(parse_task(task).name, gamma)})

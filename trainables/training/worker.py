@@ -1,4 +1,4 @@
-"""What a worker does with the cells that it is handed, and what it reports meanwhile: without Ray.
+"""Runs the cells of a pack on a worker, and reports their progress and outcomes, without Ray.
 
 An executor of the orchestrator calls `run_pack`: in its own process, in another one, or as a Ray Tune trial.
 """
@@ -26,16 +26,16 @@ PROGRESS_SECONDS = 2.0
 """Time between reports of a long cell's progress."""
 
 OUTCOME_SECONDS = 1.0
-"""Time between reports of ended cells, and between two looks for the driver's wish to stop on a disk."""
+"""Time between reports of ended cells, and between checks of the stop file on a disk."""
 
 REMOTE_LOOK_SECONDS = 5.0
-"""Time between two looks on an object store, where each of each worker is a request that is paid for."""
+"""Time between checks of the stop file on an object store, where each check of each worker is a paid request."""
 
 STOP = "STOP"
-"""The file in the checkpoints' folder by which the driver asks its workers to stop."""
+"""The file in the folder of checkpoints with which the driver asks its workers to stop."""
 
 LOGGER = "deltatune"
-"""The logger of the whole product; each package has one below it."""
+"""The parent of all of deltatune's loggers."""
 
 log = logging.getLogger("deltatune.worker")
 
@@ -47,18 +47,18 @@ class WorkerPayload:
     sources: Mapping[str, Mapping[str, Any]]
     """The arrays of each source, by `Cell.source_key`."""
     keep: bool
-    """Whether what each cell has learned is wanted."""
+    """Whether outcomes include the knowledge."""
     checkpoints: str | None
-    """The folder for the states of long cells; None: a lost worker costs its cell's work."""
+    """The folder for the states of long cells; None: a cell whose worker is lost starts again."""
     checkpoint_seconds: float
     """Time between two checkpoints of a cell."""
     plugins: Mapping[str, bytes]
-    """The user's files that the driver has loaded (`plugins.loader.packed`)."""
+    """The custom files that the driver has loaded (`plugins.loader.packed`)."""
 
 
 @dataclass(frozen=True)
 class Started:
-    """A worker has begun with its cells."""
+    """A worker has begun its pack."""
 
     pid: int
     node: str
@@ -66,11 +66,11 @@ class Started:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a long cell is."""
+    """The progress of a long cell."""
 
     cell: str
     share: float
-    """Of its episodes: 0 to 1."""
+    """Finished share of its episodes: 0 to 1."""
     step: int
     greedy_return: float
 
@@ -84,32 +84,32 @@ class Ended:
 
 @dataclass(frozen=True)
 class Reached:
-    """The cells of a configuration have reached an evaluation together: early stopping judges by it."""
+    """All cells of a configuration have reached an evaluation, at which early stopping decides."""
 
     evaluations: int
     score: float
     points: tuple[tuple[str, dict[str, Any]], ...]
-    """Cell id and the part of its curve that is new since the last report."""
+    """Cell id and the part of its curve since the last report."""
 
 
 @dataclass(frozen=True)
 class Logged:
-    """What a worker has to say: (logger, level, text)."""
+    """Log messages of a worker: (logger, level, text)."""
 
     lines: tuple[tuple[str, int, str], ...]
 
 
 Report = Started | Progress | Ended | Reached | Logged
 Tell = Callable[[Report], None]
-"""Hands a report to the driver."""
+"""Sends a report to the driver."""
 Stop = Callable[[], bool]
-"""Whether the driver has asked to stop."""
+"""Returns whether the driver has asked to stop."""
 
 
 def run_pack(cells: Sequence[Cell], together: bool, payload: WorkerPayload, tell: Tell, stop: Stop) -> None:
-    """Run cells one after the other, telling what becomes of each. A cell that fails is an outcome like another.
+    """Run cells one after the other, and report the outcome of each; a failed cell does not affect the others.
 
-    together: run them side by side, and tell after each evaluation, for early stopping to judge.
+    together: run them side by side, with a report after each evaluation, for early stopping.
     """
     folder = storage_path(payload.checkpoints) if payload.checkpoints else None
     options: dict[str, Any] = {
@@ -129,7 +129,7 @@ def run_pack(cells: Sequence[Cell], together: bool, payload: WorkerPayload, tell
 
 
 def _saved(folder: Path | None) -> set[str] | None:
-    """The cells that have a checkpoint, asked once for all of a pack's; None where the storage does not say."""
+    """Return the ids of cells with a checkpoint, from one listing; None where the storage does not answer."""
     try:
         return {path.stem for path in folder.glob("*.checkpoint")} if folder else set()
     except Exception as error:
@@ -138,7 +138,7 @@ def _saved(folder: Path | None) -> set[str] | None:
 
 
 def _run_in_turn(cells: Sequence[Cell], source: GiveSource, options: dict[str, Any], tell: Tell, stop: Stop) -> None:
-    """One cell after the other; the outcomes of short ones are reported together."""
+    """Run one cell after the other; outcomes of short ones are reported together."""
     outcomes: list[Outcome] = []
     reported = time.monotonic()
     for cell in cells:
@@ -155,7 +155,7 @@ def _run_in_turn(cells: Sequence[Cell], source: GiveSource, options: dict[str, A
 
 
 def _run_together(runs: Sequence[CellRun], tell: Tell, stop: Stop) -> None:
-    """The seeds of a configuration in lockstep, as far as early stopping lets them."""
+    """Run the seeds of a configuration in lockstep until they end or early stopping ends them."""
     told = {run.cell.id: 0 for run in runs}
     try:
         for rung in lockstep(runs, stop):
@@ -170,21 +170,21 @@ def _run_together(runs: Sequence[CellRun], tell: Tell, stop: Stop) -> None:
 
 
 class _ProgressReports:
-    """Reports how far a long cell is, every other second."""
+    """Reports the progress of a long cell, every PROGRESS_SECONDS."""
 
     def __init__(self, cell: Cell, tell: Tell) -> None:
         self._cell, self._episodes, self._tell = cell, cell.settings.episodes, tell
         self._reported = time.monotonic()
 
     def __call__(self, point: EvalPoint) -> None:
-        """Report, unless the last report is not long ago."""
+        """Report, unless the last report is too recent."""
         if time.monotonic() - self._reported >= PROGRESS_SECONDS:
             self._reported = time.monotonic()
             self._tell(Progress(self._cell.id, point.episode / self._episodes, point.step, point.greedy_return))
 
 
 class StopFile:
-    """Whether the driver has asked its workers to stop; looked up now and then."""
+    """Checks from time to time whether the driver has asked its workers to stop."""
 
     def __init__(self, folder: Path | None) -> None:
         self._path = folder / STOP if folder else None
@@ -196,14 +196,14 @@ class StopFile:
         """Return whether to stop."""
         if self._path is not None and not self._there and time.monotonic() - self._looked >= self._every:
             self._looked = time.monotonic()
-            with contextlib.suppress(Exception):  # a storage out of reach is no reason to stop
+            with contextlib.suppress(Exception):  # an unreachable storage is no reason to stop
                 self._there = self._path.exists()
         return self._there
 
 
 @contextmanager
 def forwarded_log(tell: Tell) -> Iterator[Tell]:
-    """Send what this process logs to the driver, before each report; give the `tell` that does so."""
+    """Yield a `tell` that sends the log messages of this process to the driver before each report."""
     handler = _Collected()
     logger = logging.getLogger(LOGGER)
     logger.addHandler(handler)

@@ -1,4 +1,4 @@
-"""The main program of a worker process of `deltatune sweep --local`: packs in, reports out, over a socket."""
+"""The worker process of `deltatune sweep --local`, which receives packs and sends reports over a socket."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ class Task:
     """A pack for a worker process."""
 
     cells: Sequence[dict[str, Any]]
-    """As `Cell.to_json` writes them."""
+    """The cells, as `Cell.to_json` returns them."""
     together: bool
     sources: Mapping[str, Mapping[str, Any]]
-    """What this process needs of the stage's sources, and has not been sent yet."""
+    """The sources of the stage that this pack needs, and that were not sent before."""
 
 
 @dataclass(frozen=True)
 class Crashed:
-    """The process ends, for a reason that is no cell's."""
+    """The process ends because of an error outside its cells."""
 
     why: str
 
 
 @dataclass(frozen=True)
 class Completed:
-    """The process has ended its pack, and waits for the next one."""
+    """The process has finished its pack, and waits for the next one."""
 
 
 class PackStoppedError(Exception):
@@ -47,8 +47,8 @@ class PackStoppedError(Exception):
 
 
 def main() -> None:
-    """Run what arrives on the socket whose descriptor is the first argument, until it closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver's Ctrl-C, which it passes on by the stop file
+    """Run the packs that arrive on the socket, whose descriptor is the first argument, until it closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver handles Ctrl-C, and passes it on by the stop file
     connection = Connection(int(sys.argv[1]))
     try:
         _serve(connection)
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _serve(connection: Connection) -> None:
-    """Run one pack after the other, each with the payload of its stage, which comes before the stage's first pack."""
+    """Run one pack after the other, each with the payload of its stage, which arrives before the first pack."""
     one_thread()
     driver = os.getppid()
     payload, sources = None, {}
@@ -84,7 +84,7 @@ def _serve(connection: Connection) -> None:
         stop_file = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)
         prepare({data["agent"] for data in message.cells})
         connection.send(Started(os.getpid(), "local"))
-        connection.recv()  # the driver watches from here on
+        connection.recv()  # from here on the driver handles errors
         try:
             with forwarded_log(tell) as told:
                 cells = [Cell.from_json(data) for data in message.cells]

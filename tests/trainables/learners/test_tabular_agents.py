@@ -273,8 +273,8 @@ def test_a_checkpoint_is_not_looked_for_where_none_is_known(tmp_path: Path, capl
     unread = run_cell(cell, lambda cell: None, checkpoints=tmp_path, saved=set())
     assert unread is not None
     assert unread.status == "done"
-    assert "starts anew" not in caplog.text
+    assert "starts again" not in caplog.text
     looked = run_cell(cell, lambda cell: None, checkpoints=tmp_path)
     assert looked is not None
     assert looked.digest == unread.digest
-    assert "starts anew, its checkpoint cannot be used: IsADirectoryError" in caplog.text
+    assert "starts again, its checkpoint is unusable: IsADirectoryError" in caplog.text

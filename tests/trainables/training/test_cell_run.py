@@ -124,7 +124,7 @@ def test_a_checkpoint_of_another_layout_costs_the_checkpoint_and_not_the_cell(
     found = run_cell(CELL, lambda cell: None, checkpoints=tmp_path)
     assert found is not None
     assert (found.status, found.digest) == ("done", whole.digest)
-    assert f"{CELL.id}) starts anew, its checkpoint cannot be used: " in caplog.text
+    assert f"{CELL.id}) starts again, its checkpoint is unusable: " in caplog.text
 
 
 def test_a_storage_that_times_out_at_resume_starts_the_cell_anew_with_a_new_learner(

@@ -1,1 +1,1 @@
-"""The built-in tasks, one file per environment."""
+"""The built-in tasks, one module per environment."""

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def build(context: Context) -> gymnasium.Env:
-    """The environment; the links' moments of inertia stay as they are (LINK_MOI)."""
+    """Return the environment. The links' moments of inertia (LINK_MOI) stay unchanged."""
     from gymnasium.envs.classic_control.acrobot import AcrobotEnv
     from gymnasium.wrappers import TimeLimit
 
@@ -27,7 +27,7 @@ def build(context: Context) -> gymnasium.Env:
 
 
 def plain() -> gymnasium.Env:
-    """Gymnasium's own."""
+    """Return Gymnasium's environment."""
     import gymnasium
 
     return gymnasium.make("Acrobot-v1")

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def build(context: Context) -> gymnasium.Env:
-    """The environment, its masses' derived fields included."""
+    """Return the environment, with the attributes that it derives from masses updated."""
     from gymnasium.envs.classic_control.cartpole import CartPoleEnv
     from gymnasium.wrappers import TimeLimit
 
@@ -26,7 +26,7 @@ def build(context: Context) -> gymnasium.Env:
 
 
 def plain() -> gymnasium.Env:
-    """Gymnasium's own, with the paper's limit."""
+    """Return Gymnasium's environment with the paper's limit."""
     import gymnasium
 
     return gymnasium.make("CartPole-v1", max_episode_steps=200)

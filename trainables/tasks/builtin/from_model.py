@@ -1,4 +1,4 @@
-"""A tabular task that is given by its exact model alone: its steps are drawn from the model."""
+"""Tabular tasks that are defined by an exact model, from which their steps are sampled."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ HEADER = 3
 
 @compiled
 def step(state: int, action: int, parameters: NDArray[np.float64], rng: np.random.Generator) -> tuple[int, float, bool]:
-    """One step: (next state, reward, terminated).
+    """Take a step; return (next state, reward, terminated).
 
-    parameters: A, S * A and the number n of possible transitions; then, of the rows s * A + a, where each begins
-    (S * A + 1), the next states (n), their probabilities added up along each row (n), and the rewards (S * A).
+    parameters: A, S * A and the number n of possible transitions; then, for the rows s * A + a, the row starts
+    (S * A + 1), the next states (n), their cumulative probabilities in each row (n), and the rewards (S * A).
     """
     actions, rows, count = int(parameters[0]), int(parameters[1]), int(parameters[2])
     row = state * actions + action
@@ -33,7 +33,7 @@ def step(state: int, action: int, parameters: NDArray[np.float64], rng: np.rando
 
 
 def dynamics(model: TransitionModel) -> Dynamics:
-    """The sampled dynamics of `model`."""
+    """Return the sampled dynamics of `model`."""
     states, actions = model.rewards.shape
     p = model.transitions
     added = np.concatenate([np.cumsum(p.data[a:b]) for a, b in zip(p.indptr, p.indptr[1:], strict=False)])
@@ -43,7 +43,7 @@ def dynamics(model: TransitionModel) -> Dynamics:
 
 
 def checked(model: TransitionModel) -> TransitionModel:
-    """The same model. Raises InputError where it is none: shapes, probabilities, rewards, or the start."""
+    """Return the model. Raises InputError for wrong shapes, probabilities, rewards, start or time limit."""
     if not isinstance(model, TransitionModel):
         raise InputError(f"a model must be a TransitionModel (got {model!r})")
     states, actions = model.rewards.shape

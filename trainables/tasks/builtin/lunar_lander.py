@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def build(context: Context) -> gymnasium.Env:
-    """The environment; any wind or turbulence switches the environment's own wind on."""
+    """Return the environment; wind power or turbulence enables its wind."""
     from gymnasium.wrappers import TimeLimit
 
     from trainables.tasks.builtin.lunar_lander_env import HeavyLander
@@ -27,7 +27,7 @@ def build(context: Context) -> gymnasium.Env:
 
 
 def plain() -> gymnasium.Env:
-    """Gymnasium's own."""
+    """Return Gymnasium's environment."""
     import gymnasium
 
     return gymnasium.make("LunarLander-v3")

@@ -1,4 +1,4 @@
-"""LunarLander whose lander is heavier or lighter; imports Box2D, so only a task that is built imports this."""
+"""LunarLander with another mass; imports Box2D, so it is imported only when the task is built."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from gymnasium.envs.box2d.lunar_lander import (
 
 HALF_WIDTH, HALF_HEIGHT = VIEWPORT_W / SCALE / 2, VIEWPORT_H / SCALE / 2
 SIDE_ENGINE_X = 17
-"""The side engines' place that Gymnasium's step names by no constant."""
+"""The position of the side engines, for which Gymnasium's step has no constant."""
 
 
 class HeavyLander(LunarLander):
-    """LunarLander with `mass` times the lander's density; the legs keep theirs.
+    """LunarLander with `mass` times the density of the lander; the legs keep theirs.
 
-    A step is Gymnasium's, operation for operation, without what it does to draw and to check: the same bits.
+    A step performs the operations of Gymnasium's, except those for drawing and checking, and gives the same bits.
     """
 
     prev_shaping: Any
@@ -39,7 +39,7 @@ class HeavyLander(LunarLander):
         self._weighed: Any = None
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """One step. `reset` builds a lander and ends with a first step: it is weighed there, before it has moved."""
+        """Take a step. `reset` builds a lander and takes a first step, where its mass is set before it moves."""
         lander: Any = self.lander
         if lander is not self._weighed:
             self._weighed = lander
@@ -59,15 +59,15 @@ class HeavyLander(LunarLander):
         return np.array(state, np.float32), reward, False, False, {}
 
     def _blow(self, lander: Any) -> None:
-        """The wind's force and torque, tanh(sin(2 k x) + sin(pi k x)) of their largest."""
+        """Apply the wind's force and torque: the maximum times tanh(sin(2 k x) + sin(pi k x))."""
         lander.ApplyForceToCenter((_gust(int(self.wind_idx)) * self.wind_power, 0.0), True)
         lander.ApplyTorque(_gust(int(self.torque_idx)) * self.turbulence_power, True)
         self.wind_idx += 1
         self.torque_idx += 1
 
     def _fire(self, lander: Any, action: int) -> None:
-        """The engine's impulse; its noise is drawn for every action."""
-        draw = self.np_random.random  # uniform(-1, 1) is -1 + 2 random(), without an error of rounding
+        """Apply the engine's impulse; its noise is drawn for every action."""
+        draw = self.np_random.random  # uniform(-1, 1) is -1 + 2 random(), without a rounding error
         noise = (-1.0 + 2.0 * draw()) / SCALE, (-1.0 + 2.0 * draw()) / SCALE
         if action == 0:
             return
@@ -100,7 +100,7 @@ class HeavyLander(LunarLander):
         ]
 
     def _reward(self, s: list[float]) -> float:
-        """How much nearer, slower and more upright the lander is than a step ago."""
+        """Return the shaped reward: how much nearer, slower and more upright the lander is than a step ago."""
         shaping = (
             -100 * math.sqrt(s[0] * s[0] + s[1] * s[1])
             - 100 * math.sqrt(s[2] * s[2] + s[3] * s[3])

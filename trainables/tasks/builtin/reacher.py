@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def build(context: Context) -> gymnasium.Env:
-    """The environment; features at their default leave the physical model untouched."""
+    """Return the environment; features at their defaults do not change the physical model."""
     from gymnasium.wrappers import TimeLimit
 
     from trainables.tasks.builtin.reacher_env import DiscreteReacher
@@ -27,7 +27,7 @@ def build(context: Context) -> gymnasium.Env:
 
 
 def plain() -> gymnasium.Env:
-    """Gymnasium's own, with three levels of torque for each joint."""
+    """Return Gymnasium's environment with three levels of torque for each joint."""
     import gymnasium
 
     from trainables.tasks.wrappers.discretise import discretise

@@ -1,4 +1,4 @@
-"""Reacher with nine discrete actions; imports MuJoCo, so only a task that is built imports this."""
+"""Reacher with nine discrete actions; imports MuJoCo, so it is imported only when the task is built."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from trainables.tasks.wrappers.discretise import action_table
 
 TORQUES = action_table(Box(-1.0, 1.0, (2,), np.float32), 3)
-"""(9, 2): the torques of both joints for each action; 4 is none at all."""
+"""(9, 2): the torques of both joints for each action; action 4 is no torque."""
 
 
 class DiscreteReacher(ReacherEnv):
     """Reacher whose action is a row of TORQUES, with a constant force on the fingertip along y.
 
-    A step is one call of MuJoCo's own, and Gymnasium's observation and reward read from MuJoCo's memory.
+    A step calls MuJoCo once, and reads Gymnasium's observation and reward from MuJoCo's memory.
     """
 
     def __init__(self, y_force: float = 0.0) -> None:
@@ -33,7 +33,7 @@ class DiscreteReacher(ReacherEnv):
         self._effort = [-float(np.square(torques).sum() * self._reward_control_weight) for torques in TORQUES]
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """One step with the torques of `action`."""
+        """Take a step with the torques of `action`."""
         control, positions, velocities, fingertip, target = self._views
         control[:] = TORQUES[action]
         mujoco.mj_step(self.model, self.data, self.frame_skip)
@@ -48,7 +48,7 @@ class DiscreteReacher(ReacherEnv):
         return observation, reward, False, False, {}
 
     def reset_model(self) -> Any:
-        """The first observation; a reset clears every force, so the fingertip's is set again."""
+        """Return the first observation; a reset clears all forces, so that on the fingertip is set again."""
         reset: Any = super().reset_model
         observation = reset()
         if self._y_force:

@@ -1,4 +1,4 @@
-"""Supply chain: a factory and one warehouse (paper, Appendix B): its context features. Light to import."""
+"""Supply chain with a factory and one warehouse (paper, Appendix B): the task's features. Light to import."""
 
 from __future__ import annotations
 

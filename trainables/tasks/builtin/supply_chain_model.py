@@ -23,7 +23,7 @@ TIME_LIMIT = 200
 
 @compiled
 def settle(state: int, action: int, sold: int) -> tuple[int, float]:
-    """(next state, reward) once `sold` units have left the warehouse, before the shipment arrives."""
+    """Return (next state, reward) if `sold` units leave the warehouse before the shipment arrives."""
     factory, warehouse = state // (LIMIT + 1), state % (LIMIT + 1)
     ship = min(action // LEVELS, factory, LIMIT - warehouse + sold)
     produce = min(action % LEVELS, LIMIT - factory + ship)
@@ -34,14 +34,14 @@ def settle(state: int, action: int, sold: int) -> tuple[int, float]:
 
 @compiled
 def step(state: int, action: int, parameters: NDArray[np.float64], rng: np.random.Generator) -> tuple[int, float, bool]:
-    """One step: (next state, reward, terminated). parameters: (1,), the mean demand; unmet demand is lost."""
+    """Take a step; return (next state, reward, terminated). parameters: (1,), the mean demand; unmet demand is lost."""
     sold = min(rng.poisson(parameters[0]), state % (LIMIT + 1))
     next_state, reward = settle(state, action, sold)
     return next_state, reward, False
 
 
 def dynamics(context: Context) -> Dynamics:
-    """The sampled dynamics under this mean demand."""
+    """Return the sampled dynamics for this mean demand."""
     start = START[0] * (LIMIT + 1) + START[1]
     states = (LIMIT + 1) ** 2
     return Dynamics(KIND, np.array([context["demand_mean"]]), start, states, LEVELS**2, TIME_LIMIT)
@@ -72,7 +72,7 @@ def _outcomes(
 
 
 def model(context: Context) -> TransitionModel:
-    """The exact model: one outcome for each number of units that can be sold (about 6.8 million, 80 MB)."""
+    """Return the exact model: an outcome for each number of units sold (about 6.8 million, 80 MB)."""
     dyn = dynamics(context)
     stock = np.arange(LIMIT + 1)
     demand = poisson(context["demand_mean"])

@@ -1,4 +1,4 @@
-"""Windy Gridworld, 20 x 20 (paper, Appendix B and Table 2): its context features. Light to import."""
+"""Windy Gridworld, 20 x 20 (paper, Appendix B and Table 2): the task's features. Light to import."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SOURCE_WIND = (0, 0, 0, 1, 1, 1, 2, 2, 1, 0) * 2
 SIZE = len(SOURCE_WIND)
-"""Columns, and as many rows."""
+"""Number of columns and of rows."""
 WINDS: dict[str, tuple[int, ...]] = {
     "source": SOURCE_WIND,
     "small": (0, 0, -1, 1, 1, 1, 2, 2, 1, 0, 0, 0, 0, 1, 1, 1, 2, 2, 1, 0),
@@ -40,7 +40,7 @@ def _model(context: Context) -> TransitionModel:
 
 
 def _wind(text: str) -> tuple[int, ...]:
-    """A wind as written, or random-N: number N of the random ones, each column one of -2..2, the same everywhere."""
+    """Return the wind of a list, or of random-N: number N of fixed random winds, each column from -2 to 2."""
     if re.fullmatch(r"random-\d{1,9}", text) is None:
         return _columns(text)
     digest = hashlib.sha256(text.encode()).digest()

@@ -1,7 +1,7 @@
 """The steps of the windy gridworld, and its exact model.
 
-The order inside a step decides the results, so it is fixed: the chosen move or, with probability .25, one of the
-four at random; that move and the wind of the column that was left are added; then one clip to the grid.
+The order of operations in a step affects the results, so it is fixed: the chosen move or, with probability .25, a
+random one of the four; this move and the wind of the old column are added; the sum is clipped to the grid.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ KIND = 0
 SIZE = 20
 UP, DOWN, LEFT, RIGHT = range(4)
 INTENDED = 0.75
-"""Probability that the chosen move is executed; else one of the four is, so the chosen one has .8125."""
+"""Probability that the chosen move is executed; else a random one of the four, so the chosen one has .8125 in all."""
 TIME_LIMIT = 200
 
 
 @compiled
 def land(state: int, move: int, parameters: NDArray[np.float64]) -> int:
-    """The cell where an executed move ends. parameters: (1 + SIZE,), the goal, then the wind of each column."""
+    """Return the cell where an executed move ends. parameters: (1 + SIZE,), the goal, then the wind of each column."""
     row, column = state // SIZE, state % SIZE
     row -= int(parameters[1 + column])
     if move == UP:
@@ -40,7 +40,7 @@ def land(state: int, move: int, parameters: NDArray[np.float64]) -> int:
 
 @compiled
 def step(state: int, action: int, parameters: NDArray[np.float64], rng: np.random.Generator) -> tuple[int, float, bool]:
-    """One step: (next state, reward, terminated)."""
+    """Take a step; return (next state, reward, terminated)."""
     move = action if rng.random() < INTENDED else int(rng.integers(0, 4))
     next_state = land(state, move, parameters)
     return next_state, -1.0, next_state == int(parameters[0])
@@ -52,13 +52,13 @@ def _cell(position: tuple[int, int]) -> int:
 
 
 def dynamics(context: Context) -> Dynamics:
-    """The sampled dynamics in this wind."""
+    """Return the sampled dynamics in this wind."""
     parameters = np.array([_cell(context["goal"]), *context["wind"]], dtype=np.float64)
     return Dynamics(KIND, parameters, _cell(context["start"]), SIZE * SIZE, 4, TIME_LIMIT)
 
 
 def model(context: Context) -> TransitionModel:
-    """The exact model: each move's landing cell with probability .8125 if chosen, .0625 if not."""
+    """Return the exact model: a move is executed with probability .8125 if it was chosen, else .0625."""
     dyn = dynamics(context)
     goal = _cell(context["goal"])
     rows, columns, probabilities = [], [], []

@@ -1,1 +1,1 @@
-"""Gymnasium's classic control as compiled step functions, equal to it bit for bit."""
+"""Gymnasium's classic control environments as compiled step functions with the same bits."""

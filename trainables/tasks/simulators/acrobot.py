@@ -16,7 +16,7 @@ F64 = NDArray[np.float64]
 
 
 def parameters(env: Any) -> list[float]:
-    """What `step` reads, in its order; ValueError for the equations and the noise that it does not know."""
+    """Return the parameters of `step`. Raises ValueError for equations or noise that it does not support."""
     if env.book_or_nips != "book" or env.torque_noise_max > 0:
         raise ValueError("only the book's equations without noise are compiled")
     m1, m2, l1 = env.LINK_MASS_1, env.LINK_MASS_2, env.LINK_LENGTH_1
@@ -43,7 +43,7 @@ def parameters(env: Any) -> list[float]:
 
 
 def control(env: Any, action: Any) -> list[float]:
-    """The torque of an action."""
+    """Return the torque of an action."""
     return [env.AVAIL_TORQUE[action]]
 
 
@@ -51,7 +51,7 @@ def control(env: Any, action: Any) -> list[float]:
 def _derivative(
     p: F64, torque: float, theta1: float, theta2: float, dtheta1: float, dtheta2: float
 ) -> tuple[float, float, float, float]:
-    m2, moi, two = p[3], p[4], p[16]  # a power of a constant would become a product, which is rounded otherwise
+    m2, moi, two = p[3], p[4], p[16]  # a power of a constant would become a product, with different rounding
     cos2, sin2 = math.cos(theta2), math.sin(theta2)
     d1 = p[5] + m2 * (p[6] + p[7] * cos2) + moi + moi
     d2 = m2 * (p[8] + p[9] * cos2) + moi
@@ -67,7 +67,7 @@ def _derivative(
 
 @compiled
 def _wrap(x: float) -> float:
-    """The angle in [-pi, pi]."""
+    """Return the angle in [-pi, pi]."""
     while x > math.pi:
         x = x - 2 * math.pi
     while x < -math.pi:
@@ -83,7 +83,7 @@ def _bound(x: float, most: float) -> float:
 
 @compiled
 def step(p: F64, control: F64, state: F64, observation: NDArray[np.float32]) -> tuple[float, bool]:
-    """One step from `state` (theta1, theta2, their velocities), in place; observation (6,): (reward, terminated)."""
+    """Step `state` (theta1, theta2, their velocities) and `observation` (6,) in place; return (reward, terminated)."""
     dt, torque = p[0], control[0]
     half = dt / 2.0
     a, b, c, d = state[0], state[1], state[2], state[3]

@@ -12,7 +12,7 @@ from trainables.numerics.jit import compiled
 
 
 def parameters(env: Any) -> list[float]:
-    """What `step` reads, in its order."""
+    """Return the parameters of `step`."""
     return [
         env.gravity,
         env.total_mass,
@@ -28,7 +28,7 @@ def parameters(env: Any) -> list[float]:
 
 
 def control(env: Any, action: Any) -> list[float]:
-    """The force of an action."""
+    """Return the force of an action."""
     return [env.force_mag if action == 1 else -env.force_mag]
 
 
@@ -36,7 +36,7 @@ def control(env: Any, action: Any) -> list[float]:
 def step(
     p: NDArray[np.float64], control: NDArray[np.float64], state: NDArray[np.float64], observation: NDArray[np.float32]
 ) -> tuple[float, bool]:
-    """One step from `state` (x, x_dot, theta, theta_dot), in place; observation (4,): (reward, terminated)."""
+    """Step `state` (x, x_dot, theta, theta_dot) and `observation` (4,) in place; return (reward, terminated)."""
     gravity, total_mass, length, pole_mass, polemass_length, tau = p[0], p[1], p[2], p[3], p[4], p[5]
     x, x_dot, theta, theta_dot = state[0], state[1], state[2], state[3]
     cos, sin = math.cos(theta), math.sin(theta)

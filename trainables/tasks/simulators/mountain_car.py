@@ -12,7 +12,7 @@ from trainables.numerics.jit import compiled
 
 
 def parameters(env: Any) -> list[float]:
-    """What `step` reads, in its order."""
+    """Return the parameters of `step`."""
     return [
         env.gravity,
         env.max_speed,
@@ -24,7 +24,7 @@ def parameters(env: Any) -> list[float]:
 
 
 def control(env: Any, action: Any) -> list[float]:
-    """What an action adds to the velocity."""
+    """Return what an action adds to the velocity."""
     return [(action - 1) * env.force]
 
 
@@ -38,7 +38,7 @@ def _clip(x: float, low: float, high: float) -> float:
 def step(
     p: NDArray[np.float64], control: NDArray[np.float64], state: NDArray[np.float64], observation: NDArray[np.float32]
 ) -> tuple[float, bool]:
-    """One step from `state` (position, velocity), in place; observation (2,): (reward, terminated)."""
+    """Step `state` (position, velocity) and `observation` (2,) in place; return (reward, terminated)."""
     position, velocity = state[0], state[1]
     velocity = velocity + (control[0] + math.cos(3 * position) * (-p[0]))
     velocity = _clip(velocity, -p[1], p[1])

@@ -1,4 +1,4 @@
-"""Which environments have a compiled simulator, and the proof of it on this machine."""
+"""The environments with a compiled simulator, and the check on this machine that the two agree."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _PHYSICS: dict[type, tuple[int, Any]] = {
 }
 
 STEPS = 200
-"""Steps over which an environment and its simulator must agree before the simulator takes its place."""
+"""Steps over which an environment and its simulator must agree before the simulator is used."""
 
 _PROVEN: dict[tuple[int, bytes, bytes], Simulator | None] = {}
 
 
 def simulator_of(env: gymnasium.Env[Any, Any], first: int, actions: int) -> Simulator | None:
-    """The simulator of an environment without wrappers, whose actions are first, first + 1, ...; None without one.
+    """Return the simulator of an environment without wrappers, whose actions are first, first + 1, ...; or None.
 
-    None too where the two do not agree bit for bit here: another release of Gymnasium may compute something else, and
-    numpy's sine may be another than the C library's on some processor.
+    None also where the two do not agree bit for bit here: another release of Gymnasium may compute something else, and
+    on some processors numpy's sine differs from the C library's.
     """
     inner = env.env if isinstance(env, Discretised) else env
     kind, physics = _PHYSICS.get(type(inner), (-1, None))
@@ -50,7 +50,7 @@ def simulator_of(env: gymnasium.Env[Any, Any], first: int, actions: int) -> Simu
 
 
 class Difference(NamedTuple):
-    """The first step at which an environment and its simulator part."""
+    """The first step at which an environment and its simulator differ."""
 
     step: int
     environment: tuple[Any, ...]
@@ -60,7 +60,7 @@ class Difference(NamedTuple):
 def differs(
     env: gymnasium.Env[Any, Any], simulator: Simulator, steps: int, first: int = 0, seed: int = 0
 ) -> Difference | None:
-    """Where `env` and `simulator` part in that many steps under random actions, bit for bit; None where they do not."""
+    """Return where `env` and `simulator` differ in so many steps of random actions, bit for bit, or None."""
     rng = np.random.default_rng(seed)
     inner: Any = env.unwrapped
     seen, state = start(env, seed)
@@ -84,7 +84,7 @@ def _bits(observation: Any, reward: Any, state: Any) -> bytes:
 
 
 def start(env: gymnasium.Env[Any, Any], seed: int) -> tuple[Any, Any]:
-    """(observation, state (k,)) of a new episode: the environment's own reset, then a simulator goes on from it."""
+    """Return (observation, state (k,)) of a new episode, from the environment's reset."""
     inner: Any = env.unwrapped
     observation, _ = env.reset(seed=seed)
     return observation, np.array(inner.state, np.float64)

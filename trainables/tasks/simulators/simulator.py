@@ -1,4 +1,4 @@
-"""What a compiled simulator knows of one environment, and the one step function of all of them."""
+"""The data of a compiled simulator, and the step function of all of them."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Simulator:
     """The physics of one environment as numbers, for `step`."""
 
     kind: int
-    """Which step function: CARTPOLE, ACROBOT, MOUNTAIN_CAR or PENDULUM."""
+    """The step function: CARTPOLE, ACROBOT, MOUNTAIN_CAR or PENDULUM."""
     parameters: F64
-    """The environment's physics, in the order that its step function reads."""
+    """The environment's physics, in the order of its step function."""
     controls: F64
-    """(actions, k): what each action applies, e.g. a force."""
+    """(actions, k): the effect of each action, e.g. a force."""
 
     @property
     def physics(self) -> tuple[int, F64, F64]:
@@ -36,7 +36,7 @@ class Simulator:
 
 @compiled
 def step(kind: int, parameters: F64, control: F64, state: F64, observation: F32) -> tuple[float, bool]:
-    """Move `state` on by one step under `control` (k,), and fill `observation`: (reward, terminated)."""
+    """Advance `state` by one step under `control` (k,), fill `observation`, and return (reward, terminated)."""
     if kind == CARTPOLE:
         return cartpole.step(parameters, control, state, observation)
     if kind == ACROBOT:
@@ -59,10 +59,10 @@ def step_all(
     discounted: F64,
     discount: float,
 ) -> int:
-    """One step of each episode in `running`, under the action at the same place of `actions`.
+    """Take a step in each episode of `running`, with the action at the same index of `actions`.
 
-    Adds the rewards to `total` and `discounted`, moves the indices of the episodes that have not terminated to the
-    front of `running`, and returns how many these are.
+    Add the rewards to `total` and `discounted`, move the indices of episodes that have not terminated to the front of
+    `running`, and return their number.
     """
     left = 0
     for place in range(len(actions)):

@@ -1,1 +1,1 @@
-"""What a task is."""
+"""The data classes of tasks."""

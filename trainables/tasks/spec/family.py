@@ -1,4 +1,4 @@
-"""A task: an environment with context features, and how it is named.
+"""Tasks: environments with context features, and their names.
 
 NAME[:FEATURE=VALUE,...], e.g. `windy_gridworld`, `windy_gridworld:wind=reversed`, `supply_chain:demand_mean=5`.
 """
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
 
 Value = float | tuple[int, ...]
 Context = Mapping[str, Any]
-"""The value of every feature of a task, by name."""
+"""Feature name to value, for all features of a task."""
 
 
 @dataclass(frozen=True)
 class ContextFeature:
-    """A physical parameter of a task that can be changed (CARL's term)."""
+    """A parameter of a task's dynamics that can be changed (CARL's term)."""
 
     name: str
     default: Value
     description: str
     parse: Callable[[str], Value]
-    """Text to value; raises InputError with what is allowed."""
+    """Converts text to a value. Raises InputError, which says what is allowed."""
     named: Mapping[str, Value] = field(default_factory=dict)
-    """Names that stand for a value, e.g. the wind vectors of the paper's Table 2."""
+    """Named values, e.g. the wind vectors of the paper's Table 2."""
 
     def value(self, text: str) -> Value:
-        """The value that `text` stands for: a name, a multiple of the default ('5x'), or a plain value."""
+        """Return the value of `text`: a name, a multiple of the default ('5x'), or a plain value."""
         if text in self.named:
             return self.named[text]
         plain = text
@@ -52,7 +52,7 @@ class ContextFeature:
             raise InputError(f"{self.name} must be {error}{names} (got '{text}')") from None
 
     def text(self, value: Value) -> str:
-        """The canonical spelling of `value`; `value(text(v)) == v`."""
+        """Return the canonical spelling of `value`; `value(text(v)) == v`."""
         for name, known in self.named.items():
             if known == value:
                 return name
@@ -69,30 +69,30 @@ class ContextFeature:
 
 @dataclass(frozen=True)
 class TaskFamily:
-    """What is registered under a name: the features, and how to build an environment from their values."""
+    """A registered task: its features, and how to build an environment from their values."""
 
     name: str
     description: str
     features: tuple[ContextFeature, ...]
     defaults: Mapping[str, float | int | str]
-    """Hyperparameters that the paper sets for this task, by name (Tables 4 to 7)."""
+    """The paper's hyperparameters for this task, by name (Tables 4 to 7)."""
     targets: tuple[str, ...] = ()
     """The target tasks of the paper, as full names."""
     build: Callable[[Context], gymnasium.Env] | None = None
-    """Context to environment, time limit included; tabular tasks need none, their dynamics are enough."""
+    """Makes the environment, time limit included; None for tabular tasks, whose dynamics suffice."""
     dynamics: Callable[[Context], Dynamics] | None = None
-    """Tabular tasks alone: the step function and its parameters."""
+    """Tabular tasks only: returns the step function and its parameters."""
     model: Callable[[Context], TransitionModel] | None = None
-    """Tabular tasks alone: the exact transition model."""
+    """Tabular tasks only: returns the exact transition model."""
     check: Callable[[Context], None] = lambda context: None
-    """Raises InputError where values that are each allowed do not go together."""
+    """Raises InputError for values that are allowed alone but not together."""
     plain: Callable[[], gymnasium.Env] | None = None
-    """The environment as it is without deltatune, which the task at its defaults must equal bit for bit."""
+    """Makes the environment without deltatune, which the task at its defaults must equal bit for bit."""
     origin: Literal["built-in", "custom", "missing"] = "built-in"
-    """Whose it is: deltatune's, the user's, or a user's whose code is not loaded."""
+    """missing: a custom task whose code is not loaded."""
 
     def feature(self, name: str) -> ContextFeature:
-        """The feature called `name`; InputError where there is none."""
+        """Return the feature called `name`. Raises InputError where there is none."""
         for feature in self.features:
             if feature.name == name:
                 return feature
@@ -101,20 +101,20 @@ class TaskFamily:
 
 @dataclass(frozen=True)
 class Task:
-    """One task: a family and the values of those features that are not at their default."""
+    """A task: a family and the values of the features that are not at their defaults."""
 
     family: TaskFamily
     changed: tuple[tuple[str, Value], ...] = ()
 
     @property
     def name(self) -> str:
-        """The canonical name: features in the family's order, those at their default left out."""
+        """The canonical name: features in the family's order, without those at their defaults."""
         parts = [f"{name}={self.family.feature(name).text(value)}" for name, value in self.changed]
         return self.family.name + (":" + ",".join(parts) if parts else "")
 
     @property
     def context(self) -> dict[str, Value]:
-        """Every feature's value."""
+        """The values of all features."""
         return {feature.name: feature.default for feature in self.family.features} | dict(self.changed)
 
     @property
@@ -123,13 +123,13 @@ class Task:
         return self.family.model is not None
 
     def dynamics(self) -> Dynamics:
-        """The step function's parameters; InputError for a task that is not tabular."""
+        """Return the step function and its parameters. Raises InputError for a task that is not tabular."""
         if self.family.dynamics is None:
             raise InputError(f"{self.name} is not a tabular task")
         return self.family.dynamics(self.context)
 
     def model(self) -> TransitionModel:
-        """The exact transition model; InputError for a task that is not tabular."""
+        """Return the exact transition model. Raises InputError for a task that is not tabular."""
         if self.family.model is None:
             raise InputError(f"{self.name} has no transition model: it is not a tabular task")
         return self.family.model(self.context)
@@ -141,7 +141,7 @@ def split_features(text: str) -> list[str]:
 
 
 def number(low: float, high: float) -> Callable[[str], float]:
-    """A parser of finite numbers in [low, high]."""
+    """Return a parser of finite numbers in [low, high]."""
 
     def parse(text: str) -> float:
         try:
@@ -156,7 +156,7 @@ def number(low: float, high: float) -> Callable[[str], float]:
 
 
 def integers(length: int, low: int, high: int) -> Callable[[str], tuple[int, ...]]:
-    """A parser of '[i,j,...]': `length` whole numbers in [low, high]."""
+    """Return a parser of '[i,j,...]': `length` whole numbers in [low, high]."""
 
     def parse(text: str) -> tuple[int, ...]:
         inner = re.fullmatch(r"\[(.*)\]", text.replace(" ", ""))

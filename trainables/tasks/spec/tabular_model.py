@@ -1,11 +1,11 @@
-"""What a tabular task is made of: sampled dynamics for training, the exact transition model for everything exact."""
+"""The data of a tabular task: sampled dynamics for training, and the exact transition model."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # light to import: those who make a model have these anyway
+if TYPE_CHECKING:  # light to import: code that makes a model imports these anyway
     import numpy as np
     from numpy.typing import NDArray
     from scipy.sparse import csr_array
@@ -13,12 +13,12 @@ if TYPE_CHECKING:  # light to import: those who make a model have these anyway
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What the compiled step function of a tabular task reads (see `dynamics.step`)."""
+    """The arguments of the compiled step function of a tabular task (see `tabular_env.step`)."""
 
     kind: int
-    """Which task's step function."""
+    """The step function."""
     parameters: NDArray[np.float64]
-    """Its parameters; their order is that function's own."""
+    """Its parameters; each step function defines their order."""
     start: int
     states: int
     actions: int
@@ -43,7 +43,7 @@ class TransitionModel:
 
     @property
     def terminal(self) -> NDArray[np.bool_]:
-        """(S,): the states that end an episode."""
+        """(S,): whether a state is terminal."""
         import numpy as np
 
         actions = self.rewards.shape[1]
@@ -51,6 +51,6 @@ class TransitionModel:
         return result
 
     def expected_next(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """sum_s' p(s'|s,a) values(s'), as (S, A), from `values` (S,)."""
+        """Return sum_s' p(s'|s,a) values(s'), (S, A), for `values` (S,)."""
         result: NDArray[np.float64] = (self.transitions @ values).reshape(self.rewards.shape)
         return result

@@ -1,1 +1,1 @@
-"""Wrappers around environments."""
+"""Wrappers of environments."""

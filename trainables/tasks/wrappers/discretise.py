@@ -1,4 +1,4 @@
-"""Continuous actions made discrete: `levels` evenly spaced values in each dimension, every combination an action."""
+"""Discretises continuous actions: `levels` evenly spaced values per dimension, and every combination is an action."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from trainables.tasks.spec.family import ContextFeature, number
 from trainables.tasks.wrappers.unwrap import NO_LIMIT, unwrap
 
 LIMIT = 1024
-"""Most actions: a value is learned for each of them."""
+"""Largest number of actions, since the agent learns a value for each."""
 
 
 def levels_feature(default: float) -> ContextFeature:
-    """The feature that sets the number of levels; a task that has it has continuous actions."""
+    """Return the feature that sets the number of levels, for tasks with continuous actions."""
     return ContextFeature("levels", default, "values of each dimension of the action", number(2, LIMIT))
 
 
 def action_table(space: gymnasium.Space[Any], levels: float) -> NDArray[Any]:
-    """(n, dimensions): the action that each whole number stands for, the last dimension changing fastest.
+    """Return (n, dimensions), the continuous action of each discrete one; the last dimension changes fastest.
 
     Raises InputError for a space that is no Box, has no bounds, or would have more than LIMIT actions.
     """
@@ -59,12 +59,12 @@ class Discretised(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.action_space = Discrete(len(self.table))
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """One step with the action that `action` stands for."""
+        """Take a step with the continuous action of `action`."""
         return self.env.step(self.table[action].copy())
 
 
 def discretise(env: gymnasium.Env[Any, Any], levels: float) -> gymnasium.Env[Any, Any]:
-    """The environment with discrete actions, its time limit outermost."""
+    """Return the environment with discrete actions, its time limit outermost."""
     inner, limit = unwrap(env)
     wrapped = Discretised(inner, levels)
     return wrapped if limit == NO_LIMIT else TimeLimit(wrapped, limit)

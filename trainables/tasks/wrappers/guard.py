@@ -1,4 +1,4 @@
-"""Watching a custom environment at work: what it must keep to, said in one sentence with the line of its code."""
+"""Checks a custom environment while it runs; a violation is one sentence with the line of its code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from trainables.tasks.wrappers.unwrap import unwrap
 
 
 class Guard(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Refuses observations of another shape than the space's, and what is not finite."""
+    """Raises CustomCodeError for observations of another shape than the space's, and for NaN and infinities."""
 
     def __init__(self, env: gymnasium.Env[Any, Any], name: str) -> None:
         super().__init__(env)
@@ -28,13 +28,13 @@ class Guard(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._shape = space.shape if isinstance(space, Box) else None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """The environment's reset, its observation checked."""
+        """Reset the environment, and check its observation."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._check("reset", observation)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """The environment's step, its observation and reward checked."""
+        """Step the environment, and check its observation and reward."""
         result = self.env.step(action)
         self._check("step", result[0])
         try:
@@ -84,7 +84,7 @@ def guarded(env: gymnasium.Env[Any, Any], name: str) -> gymnasium.Env[Any, Any]:
 
 
 def layers(env: gymnasium.Env[Any, Any]) -> Iterator[gymnasium.Env[Any, Any]]:
-    """The environment and what it wraps, from the outside in."""
+    """Yield the environment and what it wraps, from the outside in."""
     yield env
     while isinstance(env, gymnasium.Wrapper):
         env = env.env
@@ -92,7 +92,7 @@ def layers(env: gymnasium.Env[Any, Any]) -> Iterator[gymnasium.Env[Any, Any]]:
 
 
 def place(env: gymnasium.Env[Any, Any], method: str) -> str:
-    """' (FILE:LINE)' of a method of custom code; empty where the environment is not."""
+    """Return ' (FILE:LINE)' of a method of custom code; empty where no layer of the environment is custom."""
     for layer in layers(env):
         code = getattr(inspect.unwrap(getattr(type(layer), method)), "__code__", None)
         if code is not None and is_custom(code.co_filename):

@@ -1,4 +1,4 @@
-"""What a Gymnasium environment is wrapped in, and its way out of it."""
+"""Removes the wrappers of a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ NO_LIMIT = 2**62
 
 
 def unwrap(env: Env) -> tuple[Env, int]:
-    """The environment without the wrappers that only count steps or check calls, and its time limit in steps."""
+    """Return the environment without wrappers that only count steps or check calls, and its time limit in steps."""
     limit = NO_LIMIT
     while isinstance(env, TimeLimit | OrderEnforcing | PassiveEnvChecker):
         if isinstance(env, TimeLimit):
