@@ -1,1 +1,1 @@
-"""Speed measurements against public peers and anchors of results, run by hand."""
+"""Benchmarks: speed beside public peers and limits, the cost of sweeps and tracking, and studies of results."""

@@ -1,9 +1,9 @@
-"""All that measures speed in one table, and as JSON; `make bench` runs it whole.
+"""All speed benchmarks in one table, and as JSON; `make bench` runs them.
 
     python -m benchmarks [PART ...] [--quick] [--json FILE]
 
-Every figure stands beside its peer or its limit, measured in the same run; a ratio says how many times better it is,
-of a limit what share it reaches. `python -m benchmarks.compare A.json B.json` holds two commits against each other.
+Every figure is beside a peer or a limit measured in the same run; the ratio says how many times better it is than the
+peer, or which share of the limit it reaches. `python -m benchmarks.compare A.json B.json` compares two commits.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from orchestrator.results.provenance import commit, versions
 
 
 def machine() -> dict[str, Any]:
-    """What the figures depend on beside the code."""
+    """Return what the figures depend on besides the code: the machine and the versions."""
     wide = next((name for name in ("avx512f", "avx2", "neon") if binding.get_host_cpu_features().get(name)), "narrow")
     cores, load = len(os.sched_getaffinity(0)), round(os.getloadavg()[0], 1)
     return {

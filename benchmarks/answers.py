@@ -1,9 +1,9 @@
-"""How soon the commands that train nothing answer, beside what Python takes to import numpy, yaml and typer.
+"""Response times of the commands that train nothing, relative to importing numpy, yaml and typer.
 
     python -m benchmarks.answers [--rounds 7] [--json]
 
-Each round runs the yardstick and every command once, in turn, in a folder with a sweep in it. The ratios are those of
-the fastest runs: of wall time, and of processor time, which a busy machine disturbs less. The promise is at most 2.5.
+Each round runs the reference and every command once, in turn, in a folder with a sweep in it. The ratios are those of
+the fastest runs: of wall time, and of processor time, which a busy machine disturbs less. The goal is at most 2.5.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def seconds(words: tuple[str, ...], folder: Path) -> tuple[float, float]:
 
 
 def measure(rounds: int, folder: Path) -> dict[str, tuple[float, float]]:
-    """Return the fastest (wall, processor) seconds of the yardstick ('') and of each command."""
+    """Return the fastest (wall, processor) seconds of the reference ('') and of each command."""
     words = {"": YARDSTICK} | {name: ("-m", "deltatune", *command) for name, command in COMMANDS.items()}
     runs: dict[str, list[tuple[float, float]]] = {name: [] for name in words}
     for _ in range(rounds):

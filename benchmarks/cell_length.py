@@ -1,4 +1,4 @@
-"""Cells of a length that is given in seconds, whatever the machine."""
+"""Cells of a given length in seconds, on any machine."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 PILOT = 10_000
-"""Episodes of the first cells that are timed."""
+"""Episodes of the first timed cells."""
 
 
 def episodes_of(seconds: float, space: Callable[[int], dict[str, Any]], folder: Path) -> int:
-    """How many episodes make a cell of `space(episodes)` last `seconds`. Runs some on Ray, which warms its workers."""
+    """Return the episodes of a cell of `space(episodes)` that lasts `seconds`; runs some on Ray, which warms it up."""
     from rich.console import Console
 
     from orchestrator.execution.settings import Settings
@@ -21,7 +21,7 @@ def episodes_of(seconds: float, space: Callable[[int], dict[str, Any]], folder: 
     from search_spaces.loading import parse
 
     episodes = PILOT
-    for number in range(2):  # a cell's fixed part makes the first answer a guess
+    for number in range(2):  # the fixed part of a cell makes the first result inaccurate
         results = Results.create(folder / f"pilot{number}", "pilot", parse("pilot", space(episodes)))
         run(results, Settings(), Console(quiet=True))
         typical = statistics.median(head.seconds for head in results.heads().values())

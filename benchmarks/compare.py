@@ -1,7 +1,7 @@
-"""Two runs of `make bench` beside each other: `python -m benchmarks.compare A.json B.json`.
+"""Compares two runs of `make bench`: `python -m benchmarks.compare A.json B.json`.
 
-`change` is of the figures themselves, which two machines, or one at two hours, do not share; `of ratios` is of the
-ratios to what stood beside each figure in its own run, and holds for either. Above 1: B is better.
+`change` compares the figures themselves, which also depend on the machine and its load; `of ratios` compares the ratios
+to the peers and limits measured in the same run, and is valid across machines. Above 1: B is better.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ Key = tuple[str, str]
 
 
 def read(path: Path) -> tuple[dict[str, Any], dict[Key, Row]]:
-    """Return what a file says of its machine, and its rows. Raises ValueError for a file of another kind."""
+    """Return the machine and the rows of a file. Raises ValueError for a file of another kind."""
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
         rows = [Row(**row) for row in told["rows"]]
         return {"commit": told["commit"], **told["machine"]}, {(row.name, row.beside): row for row in rows}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"'{path}' is no file that 'python -m benchmarks --json' has written ({error})") from None
+        raise ValueError(f"'{path}' is not a file written by 'python -m benchmarks --json' ({error})") from None
 
 
 def compared(before: dict[Key, Row], after: dict[Key, Row]) -> list[str]:
@@ -54,7 +54,7 @@ def main() -> None:
     for name, told in (("A", here), ("B", there)):
         print(f"{name}: " + "  ".join(f"{key} {value}" for key, value in told.items()))
     if {key: here[key] for key in ("processor", "cores")} != {key: there[key] for key in ("processor", "cores")}:
-        print("two machines: only the last column holds")
+        print("two machines: only the last column is valid")
     print("\n".join(compared(before, after)))
 
 

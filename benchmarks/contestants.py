@@ -16,14 +16,14 @@ from trainables.tasks.make import make_env
 from trainables.tasks.registry import families, parse_task
 
 EPSILON = 0.1
-"""Constant exploration, the same for all, so that all act on their network as often."""
+"""Constant exploration, the same for all, so that all query their network equally often."""
 
 Contestant = Callable[[float], tuple[int, float]]
-"""CPU seconds to work for -> (environment steps made, CPU seconds it took)."""
+"""CPU seconds to work for -> (environment steps, CPU seconds used)."""
 
 
 def ours(task: str, agent: str = "dqn") -> Contestant:
-    """The agent of this package; delta_es with its advice switched on throughout, its dearest time."""
+    """Return the agent of this package; delta_es with its advice on throughout, its most expensive phase."""
     given: dict[str, Any] = {"episodes": 10**9, "epsilon_start": EPSILON, "epsilon_end": EPSILON}
     knowledge, source = None, None
     if agent != "dqn":
@@ -41,7 +41,7 @@ def ours(task: str, agent: str = "dqn") -> Contestant:
 
 
 def stable_baselines(task: str) -> Contestant:
-    """stable-baselines3's DQN with the same network, batch, buffer and target copies."""
+    """Return stable-baselines3's DQN with the same network, batch, buffer and target copies."""
     from stable_baselines3 import DQN
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -81,7 +81,7 @@ def stable_baselines(task: str) -> Contestant:
 
 
 def plain_torch(task: str) -> Contestant:
-    """A single-file DQN loop in plain torch, in the style of CleanRL."""
+    """Return a single-file DQN loop in plain torch, in the style of CleanRL."""
     loop = _PlainLoop(task)
 
     def work(seconds: float) -> tuple[int, float]:
@@ -151,6 +151,6 @@ class _PlainLoop:
 
 
 def _sizes(task: str) -> tuple[int, int, int]:
-    """Units of each hidden layer, batch size, steps between target copies (Table 6)."""
+    """Return units of each hidden layer, batch size, steps between target copies (Table 6)."""
     defaults = families()[task].defaults
     return int(defaults["hidden_size"]), int(defaults["batch_size"]), int(defaults["target_update"])

@@ -1,4 +1,4 @@
-"""Environment steps per CPU second of the deep agents, beside public peers doing the same work in the same run.
+"""Environment steps per CPU second of the deep agents, beside public peers with the same work in the same run.
 
     python -m benchmarks.learner_speed --tasks cartpole lunar_lander --seconds 20 --json
 
@@ -28,7 +28,7 @@ TURNS = 5
 
 
 def compare(task: str, seconds: float) -> dict[str, float | str]:
-    """The figures of one task; `seconds` of CPU time for each learner."""
+    """Return the figures of one task, from `seconds` of CPU time for each learner."""
     contestants: dict[str, Contestant] = {
         "steps_per_cpu_s": ours(task),
         "delta_es_steps_per_cpu_s": ours(task, "delta_es"),
@@ -55,7 +55,7 @@ def compare(task: str, seconds: float) -> dict[str, float | str]:
 
 
 def update_alone(task: str) -> dict[str, float]:
-    """One update's time and arithmetic rate, beside the rate of the machine's own BLAS at a large product."""
+    """Return an update's time and arithmetic rate, and the rate of the machine's BLAS for a large product."""
     defaults, env = families()[task].defaults, make_env(parse_task(task))
     size, batch = int(defaults["hidden_size"]), int(defaults["batch_size"])
     inputs, actions = int(np.prod(env.observation_space.shape or ())), int(env.action_space.n)  # type: ignore[attr-defined]
@@ -77,7 +77,7 @@ def update_alone(task: str) -> dict[str, float]:
 
 
 def _seconds(call: Callable[[], object], spend: float = 0.3) -> float:
-    """Median CPU seconds of one call over five turns."""
+    """Return the median CPU seconds of a call over five turns."""
     call()
     turns = []
     for _ in range(5):

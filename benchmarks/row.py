@@ -1,4 +1,4 @@
-"""A figure beside its peer or its limit: what every benchmark comes to in the table of `make bench`."""
+"""A figure beside its peer or limit: a row in the table of `make bench`."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """One figure, measured in the same run as what it stands beside."""
+    """One figure, measured in the same run as its peer or limit."""
 
     name: str
     value: float
     unit: str
     beside: str
-    """What it is held against: a peer, or a limit."""
+    """The peer or limit that it is compared with."""
     other: float
-    """The same figure of that."""
+    """The peer's figure, or the limit."""
     more: bool = True
     """Whether more is better."""
 
     @property
     def ratio(self) -> float:
-        """How many times better than what it stands beside; of a limit at most 1, but for noise."""
+        """How many times better it is than the peer; for a limit at most 1, except for noise."""
         over, under = (self.value, self.other) if self.more else (self.other, self.value)
         return over / under if under else float("nan")
 

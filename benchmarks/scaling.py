@@ -1,6 +1,6 @@
-"""What a sweep costs beyond its cells: `python -m benchmarks.scaling [--cells N ...] [--json]`.
+"""The overhead of a sweep: `python -m benchmarks.scaling [--cells N ...] [--json]`.
 
-Two measurements, each in a process of its own, on as many workers as there are CPUs:
+Two measurements, each in a separate process, on one worker per CPU:
   overhead   1,000 cells of about 50 ms: the share of the wall time that is their work
   no-op      N cells that do nothing: planning, running, tables, MLflow and status, and the driver's memory
 """
@@ -24,11 +24,11 @@ from benchmarks.cell_length import episodes_of
 SEEDS = 10
 
 WORK_SECONDS = 0.05
-"""Length of a cell whose work is weighed against what a sweep costs beside it."""
+"""Length of the cells for measuring the overhead."""
 
 
 def space(cells: int, episodes: int) -> dict[str, Any]:
-    """`cells` cells of Q-learning in groups of SEEDS."""
+    """Return a search space of `cells` cells of Q-learning, in configurations of SEEDS."""
     rates = [round(0.05 + 0.9 * number / cells, 9) for number in range(max(1, cells // SEEDS))]
     return {
         "schema": 1,
@@ -43,7 +43,7 @@ def space(cells: int, episodes: int) -> dict[str, Any]:
 
 
 def measure(cells: int, length: float) -> dict[str, float]:
-    """A sweep of cells `length` seconds long (0: one episode): seconds of each part; this process's peak MiB."""
+    """Run a sweep of cells of `length` seconds (0: one episode); return seconds per part, and peak memory in MiB."""
     from orchestrator.process_env import prepare
 
     prepare()
@@ -84,7 +84,7 @@ def measure(cells: int, length: float) -> dict[str, float]:
 
 
 def in_a_process(cells: int, length: float) -> dict[str, float]:
-    """`measure` in a fresh process."""
+    """Run `measure` in a new process."""
     command = [sys.executable, "-m", "benchmarks.scaling", "--measure", str(cells), str(length)]
     output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     found: dict[str, float] = json.loads(output.splitlines()[-1])

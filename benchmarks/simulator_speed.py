@@ -1,4 +1,4 @@
-"""Microseconds of CPU time for a step of each deep task's environment, beside Gymnasium's own in the same run.
+"""Microseconds of CPU time for a step of each deep task's environment, beside Gymnasium's in the same run.
 
     python -m benchmarks.simulator_speed --json
 
@@ -24,7 +24,7 @@ TURNS = 7
 
 
 def compare(task: str, steps: int) -> dict[str, float | str]:
-    """The figures of one task, from turns of so many steps each."""
+    """Return the figures of one task, from turns of so many steps each."""
     plain = parse_task(task).family.plain
     assert plain is not None
     ours, theirs = Environment(make_env(parse_task(task))), Environment(plain(), simulated=False)
@@ -35,7 +35,7 @@ def compare(task: str, steps: int) -> dict[str, float | str]:
 
 
 def _microseconds(env: Environment, steps: int) -> float:
-    """CPU time of one step, the resets between the episodes left out."""
+    """Return the CPU time of a step, without the resets between episodes."""
     actions = np.random.default_rng(0).integers(env.actions, size=steps).tolist()
     env.reset(0)
     spent, start = 0.0, time.process_time()

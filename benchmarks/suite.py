@@ -1,4 +1,4 @@
-"""All that measures speed, as rows beside peers and limits."""
+"""The speed benchmarks as rows beside peers and limits."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 from benchmarks.row import Row
 
 PEERS = {"sb3": "stable-baselines3", "cleanrl": "plain torch, CleanRL-style"}
-PROMISE = 2.5
-"""Times the yardstick that a command which trains nothing may take."""
+GOAL = 2.5
+"""Times the reference that a command which trains nothing may take."""
 
 
 def learner(quick: bool) -> Iterator[Row]:
-    """Environment steps per CPU second of training."""
+    """Yield environment steps per CPU second of training."""
     for found in _json("learner_speed", "--seconds", "2" if quick else "20"):
         task, steps = found["task"], found["steps_per_cpu_s"]
         for peer, name in PEERS.items():
@@ -25,7 +25,7 @@ def learner(quick: bool) -> Iterator[Row]:
 
 
 def update(quick: bool) -> Iterator[Row]:
-    """The arithmetic of one update."""
+    """Yield the arithmetic rate of one update."""
     found = _json("update_speed", "--seconds", "0.05" if quick else "0.5")
     limits = {"fused multiply-add peak": found["fma_peak"]["gflops"], "sgemm of this BLAS": found["sgemm"]["gflops"]}
     for name, row in found.items():
@@ -35,22 +35,22 @@ def update(quick: bool) -> Iterator[Row]:
 
 
 def simulators(quick: bool) -> Iterator[Row]:
-    """A step of each deep task."""
+    """Yield the time of a step of each deep task."""
     for found in _json("simulator_speed", "--steps", "200" if quick else "2000"):
         yield Row(f"step, {found['task']}", found["step_us"], "us", "Gymnasium", found["gymnasium_us"], more=False)
 
 
 def answers(quick: bool) -> Iterator[Row]:
-    """Commands that train nothing."""
+    """Yield the response times of commands that train nothing."""
     found = _json("answers", "--rounds", "2" if quick else "7")
-    limit = f"{PROMISE:g} x import numpy, yaml, typer"
+    limit = f"{GOAL:g} x import numpy, yaml, typer"
     for row in found["commands"]:
-        yard = PROMISE * found["yardstick_seconds"]
+        yard = GOAL * found["yardstick_seconds"]
         yield Row(f"deltatune {row['command']}", row["seconds"], "s", limit, yard, more=False)
 
 
 def scaling(quick: bool) -> Iterator[Row]:
-    """What a sweep costs beside its cells."""
+    """Yield the overhead of sweeps."""
     found = _json("scaling", "--cells", "1000", *([] if quick else ["10000"]))
     work = found["overhead"]
     yield Row("1,000 cells of 50 ms", work["run"], "s", "ideal wall time", work["work"] / work["workers"], more=False)
@@ -60,12 +60,12 @@ def scaling(quick: bool) -> Iterator[Row]:
 
 
 def tracking(quick: bool) -> Iterator[Row]:
-    """What MLflow costs."""
-    found = _json("mlflow_cost", "--cells", "20" if quick else "100")
+    """Yield the cost of MLflow."""
+    found = _json("tracking.cell_cost", "--cells", "20" if quick else "100")
     yield Row("MLflow, a cell of 501 points", found["cell"], "ms of CPU", "an empty run", found["floor"], more=False)
     if quick:
         return
-    runs = _json("tracking_cost")
+    runs = _json("tracking.sweep_cost")
     without = sorted(row["run"] for name, row in runs if name == "none")
     for name, row in runs:
         if name != "none":
@@ -84,7 +84,7 @@ PARTS: dict[str, Callable[[bool], Iterator[Row]]] = {
 
 
 def _json(module: str, *words: str) -> Any:
-    """Run a benchmark in a process of its own, and return what it prints."""
+    """Run a benchmark in a new process, and return its JSON."""
     command = [sys.executable, "-m", f"benchmarks.{module}", *words, "--json"]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     return json.loads(done.stdout)

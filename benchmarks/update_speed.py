@@ -1,10 +1,10 @@
-"""The update of the deep agents beside the limits of this core: its multiply-add units, and its own BLAS.
+"""The update of the deep agents beside the limits of this core: its multiply-add units, and its BLAS library.
 
     python -m benchmarks.update_speed --json
 
-One thread, CPU time. A figure is the median of turns in which all rows alternate, so that a noisy machine disturbs them
-alike. `dead` is the share of the last hidden layer's units that no sample of the minibatch activates: the update leaves
-them out, so its rate, counted in the arithmetic of the whole network, rises above what the units could do with all.
+One thread, CPU time. A figure is the median of turns in which all rows alternate, so that noise affects them alike.
+`dead` is the share of the last hidden layer's units that no sample of the minibatch activates. The update skips them,
+so its rate, which counts the arithmetic of the whole network, may exceed the peak.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ SHAPES = {"cartpole": ((4, 64, 64, 2), 64), "acrobot": ((6, 256, 256, 3), 128), 
 
 DEAD = (0.0, 0.25)
 CHAINS = 12
-"""Independent sums: enough to hide the latency of a multiply-add, few enough for the registers of any machine."""
+"""Independent sums: enough to hide the latency of a multiply-add, and few enough for the registers of any machine."""
 
 
 @intrinsic
 def _multiply_adds(typing: Any, count: Any, c: Any) -> Any:
-    """Take `count` fused multiply-adds in each of CHAINS vectors."""
+    """Do `count` fused multiply-adds in each of CHAINS vectors."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         count, c = args
@@ -69,7 +69,7 @@ def _peak(count: int, c: F32) -> None:
 
 
 Work = tuple[Callable[[], object], float]
-"""A call, and the floating-point operations that it takes."""
+"""A call, and its number of floating-point operations."""
 
 
 def _peaks() -> dict[str, Work]:
@@ -83,7 +83,7 @@ def _peaks() -> dict[str, Work]:
 
 
 def _update(sizes: tuple[int, ...], batch: int, dead: float) -> tuple[Work, Work]:
-    """An update that moves nothing, and its Adam step alone."""
+    """Return an update that changes no parameter, and its Adam step alone."""
     rng, layers, work = np.random.default_rng(0), np.array(sizes), workspace(np.array(sizes), batch)
     count = parameter_count(layers)
     parameters, first, second = (aligned(count) for _ in range(3))
@@ -109,7 +109,7 @@ def _update(sizes: tuple[int, ...], batch: int, dead: float) -> tuple[Work, Work
 
 
 def measure(seconds: float, turns: int = 9) -> dict[str, Any]:
-    """The figures of all rows; `seconds` of CPU time for each."""
+    """Return the figures of all rows, from `seconds` of CPU time for each."""
     rows = _peaks()
     for task, (sizes, batch) in SHAPES.items():
         for dead in DEAD:

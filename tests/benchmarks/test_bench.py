@@ -37,8 +37,8 @@ SAID: dict[str, Any] = {
     "simulator_speed": [{"task": "cartpole", "step_us": 1.0, "gymnasium_us": 10.0}],
     "answers": {"yardstick_seconds": 0.2, "commands": [{"command": "status", "seconds": 0.4}]},
     "scaling": {"overhead": {"run": 30.0, "work": 50.0, "workers": 2.0}, "no-op": [{"cells": 1000.0, "run": 4.0}]},
-    "mlflow_cost": {"cell": 30.0, "floor": 15.0},
-    "tracking_cost": [["none", {"run": 50.0}], ["sqlite", {"run": 51.0}]],
+    "tracking.cell_cost": {"cell": 30.0, "floor": 15.0},
+    "tracking.sweep_cost": [["none", {"run": 50.0}], ["sqlite", {"run": 51.0}]],
 }
 
 
@@ -72,7 +72,7 @@ def test_two_runs_are_compared_by_figure_and_by_ratio(tmp_path: Path) -> None:
     assert lines[2:] == ["step beside peer: only in A", "new beside peer: only in B"]
     command = [sys.executable, "-m", "benchmarks.compare", str(a), str(tmp_path / "missing")]
     refused = subprocess.run(command, capture_output=True, text=True)
-    assert (refused.returncode, "missing' is no file that" in refused.stderr) == (2, True)
+    assert (refused.returncode, "missing' is not a file written by" in refused.stderr) == (2, True)
 
 
 def test_a_part_is_measured_and_written_as_json(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from conftest import CELLS, LOCAL
 from harness import PATIENCE, assert_same, driver
 from mlflow.tracking import MlflowClient
 
-from benchmarks.tracking_server import TrackingServer
+from benchmarks.tracking.server import TrackingServer
 from orchestrator.analysis.findings import find
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.anchors import ANCHORS, Row, measure
+from benchmarks.studies.anchors import ANCHORS, Row, measure
 
 DISPUTED = {("windy_gridworld:wind=reversed", "q_warm_start")}
 """The anchor, -28.1 from 10 seeds, is a little worse than what 80 seeds of ours give: -26.8 (1.2)."""

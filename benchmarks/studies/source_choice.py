@@ -1,8 +1,8 @@
-"""How good the source is that `deltatune rank` chooses.
+"""Evaluates the sources that `deltatune rank` recommends.
 
-`python -m benchmarks.source_choice gridworld | cartpole [--storage results/choice]` prints Markdown: the regret of the
-chosen source (return lost against the best of the library) beside that of a random pick, of trying each source equally
-often, and of three simpler scores of delta on the same episodes. Sources are trained once and kept in the storage.
+`python -m benchmarks.studies.source_choice gridworld | cartpole [--storage results/choice]` prints Markdown: the regret
+of the recommended source (return lost against the best of the library) beside that of a random pick, of trying each
+source equally often, and of three simpler scores of delta on the same episodes. Sources are trained once and kept.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from trainables.training.cell_run import run_cell
 GAMMA = 0.99
 SOURCES, DRAWS, EPISODES = 30, 20, 100
 FIRST_DRAW = 20
-"""Draws 0 to 19 were looked at when the ranking's own settings were chosen."""
+"""Draws 0 to 19 were used to choose the settings of the ranking."""
 GRAVITIES = (2, 5, 9.8, 15, 20, 30, 40, 50, 60, 70, 85, 100)
-"""In m/s^2; 9.8 is CartPole's own, the paper's targets have 49 and 68.6."""
+"""In m/s^2; 9.8 is CartPole's default, the paper's targets have 49 and 68.6."""
 JUDGED = 200
 """Greedy episodes for the true return of a network on a target."""
 NONE_SIZES = (1, 2, 3, 5)
-"""Library sizes at which the advice to take none is judged."""
+"""Library sizes at which the recommendation of no source is evaluated."""
 
 
 def trained(library: SourceLibrary, agent: str, task: str) -> Entry:
-    """The source of seed 0 at the defaults, trained now unless the library has it."""
+    """Return the source of seed 0 with default settings, trained now unless the library has it."""
     cell = Cell.create(agent, task, 0)
     if not library.has(cell.id):
         outcome = run_cell(cell, lambda cell: None, keep=True)
@@ -57,7 +57,7 @@ def trained(library: SourceLibrary, agent: str, task: str) -> Entry:
 
 
 def wind(number: int) -> str:
-    """A gridworld with a random wind."""
+    """Return a gridworld with a random wind."""
     return f"windy_gridworld:wind=random-{number}"
 
 
@@ -68,11 +68,11 @@ class Regrets:
         self.of: dict[str, list[float]] = defaultdict(list)
 
     def add(self, name: str, returns: np.ndarray, chosen: int | None = None) -> None:
-        """The regret of `chosen`; without one, of a random pick."""
+        """Add the regret of `chosen`; without one, of a random pick."""
         self.of[name].append(float(returns.max() - (returns.mean() if chosen is None else returns[chosen])))
 
     def table(self, title: str) -> str:
-        """Markdown: mean with its interval, and the largest."""
+        """Return a Markdown table: mean with its interval, and the largest."""
         lines = [f"\n{title}\n", "|choice|regret, mean [95%]|largest|", "|---|---|---|"]
         for name, values in self.of.items():
             mean = statistics.mean(values)
@@ -81,7 +81,7 @@ class Regrets:
 
 
 def _simple_scores(target: str, tables: Sequence[np.ndarray], seed: int) -> dict[str, int]:
-    """What one would choose from equally many episodes of each source: by returns, and by simpler scores of delta."""
+    """Return the choices from equally many episodes of each source: by returns, and by simpler scores of delta."""
     player = Player(target, seed)
     followers = [Follower(q, player.start, GAMMA) for q in tables]
     returns: dict[int, list[float]] = defaultdict(list)
@@ -110,7 +110,7 @@ def _simple_scores(target: str, tables: Sequence[np.ndarray], seed: int) -> dict
 
 
 def gridworld(library: SourceLibrary) -> None:
-    """20 draws of 30 sources and a target with random winds; exact and learned sources."""
+    """Evaluate 20 draws of 30 sources and a target with random winds, with exact and learned sources."""
     for kind in ("exact", "learned"):
         regrets, covered = Regrets(), []
         advice: dict[int, list[tuple[bool, float, float]]] = defaultdict(list)
@@ -157,7 +157,7 @@ def _ranked(target: str, tasks: Sequence[str], tables: Sequence[np.ndarray], see
 
 
 def cartpole(library: SourceLibrary) -> None:
-    """Each of 12 gravities as the target of the 11 others' networks."""
+    """Evaluate each of 12 gravities as the target of the networks of the 11 others."""
     from orchestrator.sources.ranking import rank_sources
     from trainables.networks.network import source_network
     from trainables.tasks.step_env import Environment, task_shape

@@ -1,7 +1,7 @@
-"""The AUCs of the tabular agents beside figures that a throw-away prototype measured: `python -m benchmarks.anchors`.
+"""The AUCs of the tabular agents beside those of an independent prototype: `python -m benchmarks.studies.anchors`.
 
 Plain Python, no Ray: every seed trains its own source by Q-learning, then every agent on every target. The anchors are
-means (and standard deviations) over 20 seeds, printed with one decimal or none.
+means (and standard deviations) over 20 seeds, recorded with one decimal or none.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ from trainables.knowledge import Knowledge
 from trainables.training.train import train
 
 SE_FLOOR = 0.2
-"""Least standard error of a difference: an anchor of one value for all seeds is still rounded, at worst to a unit."""
+"""Least standard error of a difference, since anchors are rounded, at worst to a unit."""
 
 
 @dataclass(frozen=True)
 class Anchor:
-    """One AUC that was measured beforehand."""
+    """An AUC of the prototype."""
 
     target: str
     agent: str
     kind: str
-    """learned, exact or none: where Q_src comes from."""
+    """learned, exact or none: the origin of Q_src."""
     mean: float
     sd: float | None = None
-    """Over its seeds; None where it was not written down (then ours stands for it)."""
+    """Standard deviation over its seeds; None where it is unknown, and that of the agents here is used."""
     values: Mapping[str, Any] = field(default_factory=dict)
     seeds: int = 20
 
     @property
     def source_task(self) -> str:
-        """The family at its defaults."""
+        """Return the source task: the family at its defaults."""
         return self.target.partition(":")[0]
 
 
 @dataclass(frozen=True)
 class Row:
-    """An anchor and what we get."""
+    """An anchor and the AUC here."""
 
     anchor: Anchor
     ours: float
@@ -57,7 +57,7 @@ class Row:
 
     @property
     def difference(self) -> float:
-        """Ours minus the anchor, in standard errors."""
+        """Return the AUC here minus the anchor, in standard errors."""
         return (self.ours - self.anchor.mean) / self.se
 
 
@@ -109,7 +109,7 @@ ANCHORS: tuple[Anchor, ...] = (*_gridworld(), *_supply_chain())
 
 
 def measure(seeds: int = 20, processes: int | None = None) -> list[Row]:
-    """Every anchor's row, from `seeds` seeds, on all CPUs unless `processes` says how many."""
+    """Return a row per anchor, from `seeds` seeds, in `processes` processes (default: one per CPU)."""
     families = dict.fromkeys(anchor.source_task for anchor in ANCHORS)
     jobs = [(family, seed) for family in families for seed in range(seeds)]
     with multiprocessing.get_context("spawn").Pool(processes or multiprocessing.cpu_count()) as pool:
@@ -126,7 +126,7 @@ def _row(index: int, anchor: Anchor, by_seed: Mapping[tuple[str, int], Mapping[i
 
 
 def _one_seed(job: tuple[str, int]) -> dict[int, float]:
-    """Anchor's index to its AUC, for every anchor of one family and one seed."""
+    """Return anchor index to AUC, for every anchor of one family and one seed."""
     family, seed = job
     source_cell = Cell.create("q_learning", family, seed)
     training = train(source_cell)
@@ -151,7 +151,7 @@ def _auc(anchor: Anchor, seed: int, source_id: str, learned: Knowledge) -> float
 
 
 def table(rows: Iterable[Row]) -> str:
-    """The rows as text, one line each."""
+    """Return the rows as text, one line each."""
     lines = [f"{'target':34} {'agent':16} {'source':8} {'setting':16} {'anchor':>14} {'ours':>14} {'diff/se':>8}"]
     for row in rows:
         anchor = row.anchor
@@ -166,7 +166,7 @@ def table(rows: Iterable[Row]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, or the rows as JSON."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.anchors", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.studies.anchors", description=__doc__)
     parser.add_argument("--seeds", type=int, default=20, help="seeds 0..N-1, at least 2 (default 20)")
     parser.add_argument("--json", action="store_true", help="rows as JSON")
     options = parser.parse_args(arguments)

@@ -13,7 +13,7 @@ import urllib.request
 from pathlib import Path
 
 PATIENCE = 120.0
-"""Seconds until a server that does not answer counts as broken."""
+"""Seconds after which a server that does not answer counts as broken."""
 
 
 class TrackingServer:
@@ -29,7 +29,7 @@ class TrackingServer:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self, wait: bool = True) -> None:
-        """Start it, and `wait` until it answers; TimeoutError after PATIENCE."""
+        """Start it, and `wait` until it answers. Raises TimeoutError after PATIENCE."""
         self._process = subprocess.Popen(
             [sys.executable, "-m", "mlflow", "server", *self._words],
             env=os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
@@ -45,7 +45,7 @@ class TrackingServer:
             time.sleep(0.2)
 
     def kill(self) -> None:
-        """End it and its processes at once; once it is dead this does nothing."""
+        """Kill it and its processes; does nothing if it is dead."""
         if self._process is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)

@@ -1,7 +1,7 @@
-"""Each measure of similarity against the transfer ratios of a finished sweep of `metric-validity`, as Markdown.
+"""Compares each measure of similarity with the transfer ratios of a finished sweep of `metric-validity`, as Markdown.
 
-`deltatune sweep metric-validity`, then `python -m benchmarks.metric_validity results/metric-validity`: the table on
-standard output, the figure metric_validity.png and the pairs, pairs.csv, in the sweep's folder `figures`.
+`deltatune sweep metric-validity`, then `python -m benchmarks.studies.metric_validity results/metric-validity`: the
+table on standard output, the figure metric_validity.png and the pairs, pairs.csv, in the sweep's folder `figures`.
 """
 
 from __future__ import annotations

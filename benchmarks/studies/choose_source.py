@@ -1,8 +1,8 @@
 """AUC of every agent on every target of a sweep, as one Markdown table per kind of source.
 
-`deltatune sweep choose-source`, then `python -m benchmarks.choose_source results/choose-source`. Each entry is the mean
-over seeds with its interval; in bold where the paired difference from the agent without transfer is clearly above 0, in
-italics where it is clearly below. Incomplete configurations are left out.
+`deltatune sweep choose-source`, then `python -m benchmarks.studies.choose_source results/choose-source`. Each entry is
+the mean over seeds with its interval; in bold where the interval of the paired difference from the agent without
+transfer is above 0, in italics where it is below. Incomplete configurations are left out.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _entry(group: Group | None) -> str:
 
 
 def tables(shown: Sequence[Group]) -> str:
-    """The Markdown."""
+    """Return the tables as Markdown."""
     lines = []
     families = list(dict.fromkeys(group.task.partition(":")[0] for group in shown))
     for family in families:

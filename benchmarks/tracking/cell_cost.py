@@ -1,7 +1,7 @@
-"""Processor time that MLflow takes for a cell, call by call: `python -m benchmarks.mlflow_cost [--cells N] [--json]`.
+"""MLflow's processor time for a cell, call by call: `python -m benchmarks.tracking.cell_cost [--cells N] [--json]`.
 
-Cells of the paper's gate with 501 points, after the fact, in an SQLite store. Beside them the floor: the same three
-calls for runs that hold one number, in turn, so that a noisy machine disturbs both alike.
+Cells of the paper's gate with 501 points, written after their sweep to an SQLite store. The floor is the same three
+calls for runs with a single number, in turn, so that noise affects both alike.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.tracking_cost import space
+from benchmarks.tracking.sweep_cost import space
 
 CALLS = ("create_run", "log_batch", "set_terminated")
 EPISODES = 500
 
 
 def measure(cells: int) -> dict[str, Any]:
-    """Milliseconds of processor time a cell: `cell` in all, each of CALLS, and the `floor`; and a run's metrics."""
+    """Return milliseconds of processor time per cell: `cell` in all, each of CALLS, `floor`; and a run's metrics."""
     from mlflow.tracking import MlflowClient
     from rich.console import Console
 
@@ -56,7 +56,7 @@ def measure(cells: int) -> dict[str, Any]:
 
 
 def _empty(client: Any, experiment: str) -> None:
-    """A run without anything in it, by the calls that a cell's run takes."""
+    """Write an empty run, by the same calls as a cell's run."""
     from mlflow.entities import Metric
 
     made = client.create_run(experiment)

@@ -1,9 +1,9 @@
-"""What recording in MLflow costs a sweep: `python -m benchmarks.tracking_cost [--seconds S] [--json]`.
+"""The cost of recording a sweep in MLflow: `python -m benchmarks.tracking.sweep_cost [--seconds S] [--json]`.
 
-200 cells of the paper's gate, each with 45 points of 7 curves and its final figures (over 320 metrics), with a sqlite
-store, with a server on loopback, and with a server that is dead for the middle third of the cells. Everything shares
-this machine's cores, the server too. Before, between and after them the same sweep runs without MLflow: their median
-is what the others are held against, and their range shows the machine's noise.
+200 cells of the paper's gate, each with 45 points of 7 curves and its final figures (over 320 metrics), with an SQLite
+store, with a server on loopback, and with a server that is down for the middle third of the cells. Everything shares
+this machine's cores, the server too. Before, between and after them the same sweep runs without MLflow: the median of
+these runs is the reference, and their range shows the noise.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.cell_length import episodes_of
-from benchmarks.tracking_server import TrackingServer
+from benchmarks.tracking.server import TrackingServer
 
 CELLS, POINTS = 200, 44
 
 
 def space(episodes: int, cells: int = CELLS) -> dict[str, Any]:
-    """`cells` cells of the paper's gate with an exact source."""
+    """Return a search space of `cells` cells of the paper's gate with an exact source."""
     targets = ["windy_gridworld:wind=small", "windy_gridworld:wind=reversed"]
     return {
         "schema": 1,
@@ -37,7 +37,7 @@ def space(episodes: int, cells: int = CELLS) -> dict[str, Any]:
 
 
 def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], None] = lambda n: None) -> dict[str, Any]:
-    """Run the sweep: seconds of it, and of what MLflow takes after its end; runs and metrics there."""
+    """Run the sweep; return its seconds, those of MLflow after its end, and the numbers of runs and metrics."""
     from rich.console import Console
 
     from orchestrator.analysis.findings import find
@@ -62,13 +62,13 @@ def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], No
     tally = run(results, Settings(), Console(quiet=True), told)
     ran = time.perf_counter()
     if tracker and tracker.finish(find(results), []) is None:
-        raise RuntimeError(f"MLflow has not got everything: {tracker.error}")
+        raise RuntimeError(f"MLflow is incomplete: {tracker.error}")
     after = time.perf_counter() - ran
     return {"run": ran - started, "after": after, "cell": tally.training_seconds / CELLS} | (there(uri) if uri else {})
 
 
 def there(uri: str) -> dict[str, int]:
-    """Finished runs of cells in a store, and the metrics of one."""
+    """Return the number of finished cell runs in a store, and of the metrics of one."""
     from mlflow.tracking import MlflowClient
 
     client = MlflowClient(uri)
@@ -80,7 +80,7 @@ def there(uri: str) -> dict[str, int]:
 
 
 def measure(seconds: float) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Each of them when it is done."""
+    """Yield the result of each run when it is done."""
     from orchestrator.cluster.connection import connected
     from orchestrator.cluster.resources import Resources
 
@@ -97,7 +97,7 @@ def measure(seconds: float) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def with_server(folder: Path, episodes: int, killed: bool) -> dict[str, Any]:
-    """The sweep with a server, which may be `killed` for the middle third of the cells."""
+    """Run the sweep with a server, which may be `killed` for the middle third of the cells."""
     folder.mkdir()
     server = TrackingServer(folder)
     server.start()

@@ -1,0 +1,1 @@
+"""Studies on results of sweeps, and anchors that they must meet."""
