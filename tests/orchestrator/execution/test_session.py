@@ -125,7 +125,7 @@ def test_whatever_ends_a_session_mlflow_is_told_and_the_lock_is_free(
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["sigterm", "sighup"])
 def test_a_signal_outside_of_a_stage_is_a_way_out_too(done: Path, store: Store, number: signal.Signals) -> None:
     before = signal.getsignal(number)
-    with pytest.raises(InterruptedSweepError, match="the same command goes on"):
+    with pytest.raises(InterruptedSweepError, match="the same command continues"):
         opened(done, lambda now: os.kill(os.getpid(), number), tracking_uri="sqlite:///x")
     assert store.told == ["KILLED"]
     assert driver(done / "small") is None
