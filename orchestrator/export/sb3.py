@@ -92,6 +92,8 @@ def _lost(values: Mapping[str, Any]) -> dict[str, str]:
     lost = dict(ELSEWHERE)
     if values["loss"] == "squared":
         lost["loss"] = "squared here; stable-baselines3 always has the Huber loss"
+    if values["double"]:
+        lost["double"] = "double DQN here; stable-baselines3 has plain DQN alone"
     if values["module"]:
         lost["module"] = f"{values['module']} here; a feature extractor has to be written for stable-baselines3"
     return lost | {name: ADVICE for name in values if name not in DQN.model_fields}

@@ -108,6 +108,7 @@ def _deep() -> Named:
     soon = learned(cart, "last", 400)
     """Its advice ends within the cell."""
     yield "dqn/huber", Cell.create("dqn", HEAVY, 1, DEEP | {"loss": "huber", "epsilon_unit": "steps"})
+    yield "dqn/double", Cell.create("dqn", HEAVY, 1, DEEP | {"double": True})
     yield "dqn/terminal", Cell.create("dqn", HEAVY, 2, DEEP | {"truncation": "terminal", "replay_capacity": 100})
     full = DEEP | {"hidden_size": 256, "batch_size": 128}
     yield "dqn/full width", Cell.create("dqn", HEAVY, 3, full)

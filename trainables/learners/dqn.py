@@ -25,7 +25,7 @@ from trainables.learners.advice import Advice, Run
 from trainables.learners.episode.loop import EpisodeLoop, Progress, episode_loop
 from trainables.learners.greedy_evaluation import greedy_returns
 from trainables.learners.replay_buffer import Replay
-from trainables.learners.targets import TargetCache
+from trainables.learners.targets import TargetCache, double_targets
 from trainables.networks.network import Network, new_network, source_network
 from trainables.numerics.matmul import F32
 from trainables.numerics.rng import seed_sequence, stream
@@ -168,6 +168,8 @@ class DeepLearner:
 
     def _learn(self) -> None:
         batch = self._replay.sample(self._targets)  # 9; one minibatch serves both networks
+        if self._settings.double:
+            double_targets(self._replay, batch, self._q, self._target, self._advice)
         delta_loss = 0.0
         if self._delta is not None and not self._advice.delta_rests:
             delta_loss = self._delta.update(batch.observations, batch.actions, batch.delta_targets)  # 8, eq. (4)

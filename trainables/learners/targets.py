@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from trainables.delta.sample import delta_sample, v_and_q
+from trainables.delta.sample import chosen, delta_sample, v_and_q
 from trainables.learners.advice import Advice
-from trainables.learners.replay_buffer import Replay
+from trainables.learners.replay_buffer import Batch, Replay
 from trainables.networks.network import Network
 from trainables.numerics.jit import compiled
 from trainables.tasks.rollout import Transitions
@@ -30,6 +30,21 @@ def td_target(reward: Reward, gamma: np.float32, v_next: Reward) -> Reward:
 def delta_target(reward: F32, gamma: np.float32, v_src_next: F32, q_src: F32) -> F32:
     """Return r + gamma max_b Q_src(s',b) - Q_src(s,a), the target of delta(s,a) in line 8: eq. (4)."""
     return delta_sample(reward, gamma, v_src_next, q_src)
+
+
+def next_values(values: F32, choosing: F32) -> F32:
+    """Return of each row of `values` (n, actions) the one where `choosing` is largest: the same array, or Q's own."""
+    return chosen(values, choosing.argmax(axis=1))
+
+
+def double_targets(replay: Replay, batch: Batch, q: Network, target: Network, advice: Advice) -> None:
+    """Make the TD targets of a minibatch r + gamma Q_target(s', argmax_b Q(s',b)): double DQN."""
+    seen = replay.transitions(batch.indices)
+    choosing, values = q.rows(seen.next_observations), target.rows(seen.next_observations)
+    advice.shape_reward(seen, choosing)
+    reward = advice.shape_reward(seen, values)
+    v_next = np.where(replay.memory.cut[batch.indices], np.float32(0), next_values(values, choosing))
+    batch.td_targets[:] = td_target(reward, np.float32(advice.settings.gamma), v_next)
 
 
 class TargetCache:
@@ -57,7 +72,7 @@ class TargetCache:
 
     def refresh(self, replay: Replay) -> None:
         """Compute the stale targets."""
-        for part in replay.newest(self.stale):
+        for part in () if self._advice.settings.double else replay.newest(self.stale):
             self.td[part] = self._td_targets(replay.transitions(part), replay.memory.cut[part])
         self.stale = 0
         if self._advice.delta is not None and not self._advice.delta_rests:

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 
 from trainables.agents.agent import Agent
 from trainables.agents.base import Count, NonNegative
+from trainables.agents.builtin.dqn import DQN
 from trainables.agents.builtin.explicit_shaping import ExplicitShaping
 from trainables.agents.plots import ADVICE_FACTOR, KAPPA
 
@@ -15,7 +16,7 @@ from trainables.agents.plots import ADVICE_FACTOR, KAPPA
 class DeltaSelectShaping(ExplicitShaping):
     """Explicit shaping by the source of a library with the smallest delta, or by none; beyond the paper."""
 
-    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({"floor": "greedy"})
+    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({**DQN.unwritten, "floor": "greedy"})
 
     threshold: NonNegative = 1.0
     """A source gives advice only while its delta exceeds the delta on its own task by at most this."""

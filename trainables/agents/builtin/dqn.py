@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -15,6 +17,8 @@ class DQN(Hyperparameters):
 
     advice: ClassVar[Any] = "trainables.learners.advice:Advice"
     """The strategy that uses the source: a class like those of `trainables.learners.advice`, or its `module:Class`."""
+
+    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({"double": False})
 
     evaluate_every: Count = 100
     """Episodes between greedy evaluations. There is one before training, and one after the last episode."""
@@ -36,6 +40,9 @@ class DQN(Hyperparameters):
     """Largest norm of the gradient; a larger one is scaled down."""
     loss: Literal["squared", "huber"] = "squared"
     """Loss of the TD error."""
+    double: bool = False
+    """Whether Q itself chooses the action whose value the target network gives for a target: double DQN (van
+    Hasselt, Guez and Silver, "Deep Reinforcement Learning with Double Q-learning", AAAI 2016)."""
     epsilon_start: Probability = 1.0
     """epsilon at the start (Table 6)."""
     epsilon_end: Probability = 0.01

@@ -28,7 +28,7 @@ class DeltaShaping(ExplicitShaping):
 
     advice: ClassVar[Any] = "trainables.learners.advice:DeltaShaping"
 
-    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({"delta_after_advice": "train"})
+    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({**DQN.unwritten, "delta_after_advice": "train"})
 
     delta_learning_rate: Rate = 5e-4
     """alpha_d, the step size of the delta network (Table 7)."""

@@ -10,7 +10,7 @@ import numpy as np
 from trainables.learners.advice import Run
 from trainables.learners.baselines.annealed import Annealed
 from trainables.learners.replay_buffer import Batch
-from trainables.learners.targets import td_target
+from trainables.learners.targets import next_values, td_target
 from trainables.networks.network import Network
 from trainables.numerics.rng import stream
 from trainables.tasks.registry import parse_task
@@ -41,7 +41,8 @@ class SourceReplay(Annealed):
         size = len(batch.actions)
         half, seen = size // 2, self._seen
         at = self._rng.integers(len(seen.actions), size=half)
-        values = self._target.rows(seen.next_observations[at]).max(axis=1)
+        values = self._target.rows(seen.next_observations[at])
+        values = next_values(values, q.rows(seen.next_observations[at]) if self.settings.double else values)
         future = np.where(seen.terminated[at], np.float32(0), values)
         batch.observations.reshape(-1, size)[:, size - half :] = seen.observations[at].T
         batch.actions[size - half :] = seen.actions[at]

@@ -63,6 +63,8 @@ class Options(NamedTuple):
     gamma: np.float32
     decrement: float
     """C of eq. (6)."""
+    double: bool
+    """Whether TD targets are double DQN's: computed for each minibatch, and never cached."""
 
 
 @compiled
@@ -99,6 +101,23 @@ def _td_targets(target: Any, gamma: np.float32, memory: Memory, start: int, stop
 
 
 @compiled
+def _double_targets(q: Any, target: Any, gamma: np.float32, memory: Memory, batch: Batch, batch_targets: F32) -> None:
+    """Make the TD targets of a minibatch double DQN's, as `targets.double_targets` does."""
+    count = len(batch.indices)
+    after = np.empty((count, memory.next_observations.shape[1]), np.float32)
+    for j in range(count):
+        after[j] = memory.next_observations[batch.indices[j]]
+    choosing = np.empty((count, target[0][-1]), np.float32)
+    values = np.empty_like(choosing)
+    _outputs(q[0], q[1], q[4], after, choosing)
+    _outputs(*target, after, values)
+    for j in range(count):
+        i = batch.indices[j]
+        v_next = np.float32(0.0) if memory.cut[i] else values[j, choosing[j].argmax()]
+        batch_targets[0, j] = td_target(memory.rewards[i], gamma, v_next)
+
+
+@compiled
 def _delta_targets(source: Any, gamma: np.float32, memory: Memory, start: int, stop: int, targets: F32) -> None:
     """Compute the targets of delta, eq. (4), for the transitions from `start` to `stop`."""
     here = np.empty((stop - start, source[0][-1]), np.float32)
@@ -114,7 +133,7 @@ def _delta_targets(source: Any, gamma: np.float32, memory: Memory, start: int, s
 def _refresh(counts: I64, options: Options, memory: Memory, targets: F32, target: Any, source: Any) -> None:
     """Compute stale targets like `TargetCache.refresh`; the newest transitions are before `head`, in a ring."""
     head, capacity, gamma = counts[HEAD], len(memory.actions), options.gamma
-    count = counts[STALE]
+    count = 0 if options.double else counts[STALE]
     if count > head:
         _td_targets(target, gamma, memory, capacity - (count - head), capacity, targets)
     _td_targets(target, gamma, memory, max(head - count, 0), head, targets)
@@ -254,6 +273,8 @@ def play(
                     return REFRESH
                 _refresh(counts, options, memory, targets, target, source)
                 _fill(counts, memory, drawn, targets, batch, batch_targets)
+            if options.double:
+                _double_targets(q, target, options.gamma, memory, batch, batch_targets)
             if not _learn(counts, sums, options.learns_delta, batch, q, q_last, delta, delta_last):  # 8, 10
                 return NOT_FINITE
             counts[GO_ON] = COUNT

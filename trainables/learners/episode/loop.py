@@ -138,6 +138,7 @@ class EpisodeLoop:
             self._refreshes,
             np.float32(settings.gamma),
             advice.decrement,
+            settings.double,
         )
 
 
@@ -163,6 +164,7 @@ def episode_loop(
     if advised:
         known &= kind.best in (Advice.best, SourceAdvantage.best)
         known &= kind.guided is Advice.guided and kind.learn is Advice.learn
+    known &= not settings.double or kind.shape_reward is Advice.shape_reward
     if env.simulator is None or not known:
         return None
     networks = q, target, q if delta is None else delta, advice.follows().source or q

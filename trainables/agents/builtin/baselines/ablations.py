@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from trainables.agents.agent import Agent
-from trainables.agents.builtin.dqn import LEARNER
+from trainables.agents.builtin.dqn import DQN, LEARNER
 from trainables.agents.builtin.explicit_shaping import DeltaShaping
 from trainables.agents.plots import ADVICE_FACTOR, DELTA_P90, KAPPA
 
@@ -16,14 +15,14 @@ class ConstantShaping(DeltaShaping):
     """delta_es with one factor for all states, the mean of their factors; an ablation."""
 
     advice: ClassVar[Any] = "trainables.learners.baselines.ablations:ConstantFactor"
-    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    unwritten: ClassVar[Mapping[str, Any]] = DQN.unwritten
 
 
 class ShuffledShaping(DeltaShaping):
     """delta_es with the factor of another, random state; an ablation."""
 
     advice: ClassVar[Any] = "trainables.learners.baselines.ablations:ShuffledFactor"
-    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    unwritten: ClassVar[Mapping[str, Any]] = DQN.unwritten
 
 
 CONSTANT_ES = Agent(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from trainables.agents.agent import Agent
-from trainables.agents.builtin.dqn import LEARNER
+from trainables.agents.builtin.dqn import DQN, LEARNER
 from trainables.agents.builtin.explicit_shaping import DeltaShaping
 from trainables.agents.plots import CORRECTED, DELTA_P90, KAPPA
 
@@ -18,7 +17,7 @@ class CorrectedShaping(DeltaShaping):
     """
 
     advice: ClassVar[Any] = "trainables.learners.baselines.corrected:CorrectedAdvice"
-    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    unwritten: ClassVar[Mapping[str, Any]] = DQN.unwritten
 
 
 CORRECTED_ES = Agent(

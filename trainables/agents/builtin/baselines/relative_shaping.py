@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
 from trainables.agents.agent import Agent
 from trainables.agents.base import Count
-from trainables.agents.builtin.dqn import LEARNER
+from trainables.agents.builtin.dqn import DQN, LEARNER
 from trainables.agents.builtin.explicit_shaping import DeltaShaping
 from trainables.agents.plots import DELTA_FACTOR, DELTA_P90, KAPPA
 
@@ -21,7 +20,7 @@ class RelativeShaping(DeltaShaping):
     """
 
     advice: ClassVar[Any] = "trainables.learners.baselines.relative:RelativeDelta"
-    unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    unwritten: ClassVar[Mapping[str, Any]] = DQN.unwritten
 
     floor: Literal["quantile", "state"] = "quantile"
     """What is subtracted: the 90 % quantile of |delta| on the source's own task, or that delta in each state."""
