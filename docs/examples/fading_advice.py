@@ -6,10 +6,10 @@ from deltatune import NonNegative, StepLearner, Transfer, agent
 
 
 class Settings(Transfer):
-    """Q-learning's own, and how far the source is trusted."""
+    """The hyperparameters of Q-learning, and how far the source is trusted."""
 
     trust: NonNegative = 10.0
-    """The advantage A_src counts trust / (1 + visits to the state)."""
+    """The advantage A_src is weighted by trust / (1 + visits to the state)."""
 
 
 class FadingAdvice(StepLearner):
