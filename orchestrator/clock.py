@@ -28,6 +28,11 @@ def monotonic() -> float:
     return system.monotonic()
 
 
+def since_boot() -> float:
+    """Return seconds by a clock that goes on while the machine sleeps, where the system has one."""
+    return system.clock_gettime(getattr(system, "CLOCK_BOOTTIME", system.CLOCK_MONOTONIC))
+
+
 def sleep(seconds: float) -> None:
     """Wait for some seconds."""
     system.sleep(seconds)

@@ -26,6 +26,10 @@ class LeaseLostError(OSError):
     """Another driver has taken over the sweep: this one must write nothing more."""
 
 
+class LeaseUnknownError(OSError):
+    """The storage does not say whether another process has taken over: do not write."""
+
+
 def exit_code(error: Exception) -> int | None:
     """Return an error's exit code, or None for a bug in deltatune.
 

@@ -110,6 +110,7 @@ class SweepSession:
         from orchestrator.model_registry.mlflow_registry import register
 
         try:
+            self._hold.check_surely()
             return register(self.results, self.tracker.uri, parent)
         except Exception as error:
             log.warning("the sources are not in MLflow's registry: %s: %s", type(error).__name__, error)

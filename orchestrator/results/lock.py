@@ -19,7 +19,7 @@ from typing import Any
 import filelock
 
 from orchestrator import clock
-from orchestrator.errors import LeaseLostError
+from orchestrator.errors import LeaseLostError, LeaseUnknownError
 from trainables.errors import InputError
 from trainables.storage import disk
 from trainables.storage.atomic import write_atomic
@@ -33,6 +33,9 @@ LEASE_SECONDS = 60.0
 
 SETTLE_SECONDS = 2.0
 """Seconds to wait before checking whether another driver took the lease at the same moment."""
+
+SLOW_SECONDS = 1.0
+"""A write that takes longer may have replaced the lease of a driver that took it meanwhile and has begun to work."""
 
 Who = dict[str, Any]
 
@@ -48,14 +51,18 @@ class Hold:
     lost: bool = False
     """Whether another holds the lease now."""
     _file: str = DRIVER
-    _seen: float = field(default_factory=lambda: clock.monotonic())
-    """When the lease was last known to be this holder's."""
+    _beat: float = field(default_factory=lambda: clock.since_boot())
+    """When the last heartbeat that was written began. No other driver takes the lease within half its length of it."""
 
     def check(self) -> None:
-        """Raise LeaseLostError where another holds the lease now; verify that if the last check is too old."""
-        if self.token and not self.lost and clock.monotonic() - self._seen > LEASE_SECONDS / 2:
-            with suppress(LookupError):
-                self.verify()
+        """Raise LeaseLostError where another holds the lease; verify that if the last heartbeat is too old."""
+        with suppress(LeaseUnknownError):
+            self.check_surely()
+
+    def check_surely(self) -> None:
+        """Raise LeaseLostError as `check` does, and LeaseUnknownError where the storage does not answer."""
+        if self.token and not self.lost and self._overdue():
+            self.verify()
         if self.lost:
             raise LeaseLostError(
                 f"the sweep in {self.folder} was taken over by {_words(_read(self.folder, self._file))} while this "
@@ -63,16 +70,39 @@ class Hold:
             )
 
     def verify(self) -> None:
-        """Look up who holds the lease. Raises LookupError where the storage does not answer."""
+        """Look up who holds the lease. Raises LeaseUnknownError where the storage does not answer."""
         try:
             there = json.loads((self.folder / self._file).read_text())
-        except (FileNotFoundError, ValueError):
-            there = self.who  # removed or damaged: nobody else's
+        except (FileNotFoundError, ValueError):  # or a driver that took it over has ended since
+            there = {} if self._overdue() else self.who
         except Exception as error:  # each kind of storage raises different errors
-            raise LookupError(str(error)) from error
+            raise LeaseUnknownError(f"cannot look up who holds the lease: {error}") from error
         if isinstance(there, dict) and there.get("token") != self.who["token"]:
             self.lost = True
-        self._seen = clock.monotonic()
+
+    def beat(self) -> None:
+        """Write a heartbeat, unless the lease is lost. Give the lease up where another may have taken it meanwhile."""
+        began = clock.since_boot()
+        if self.token:
+            self.verify()
+        if self.lost:
+            return
+        _write(self.folder, self._file, self.who | {"alive": clock.time()})
+        if self.token and clock.since_boot() - began > SLOW_SECONDS and self._overdue():
+            self.remove()
+            self.lost = True
+        self._beat = began
+
+    def _overdue(self) -> bool:
+        """Return whether another may have taken the lease since the last heartbeat."""
+        return clock.since_boot() - self._beat > LEASE_SECONDS / 2
+
+    def remove(self) -> None:
+        """Remove the holder's file, unless it is another holder's by now."""
+        if self.token:
+            self.verify()
+        if not self.lost:
+            disk.remove(self.folder / self._file)
 
 
 @contextmanager
@@ -87,13 +117,14 @@ def locked(folder: Path, on_lost: Callable[[], None] = lambda: None) -> Iterator
 
 
 @contextmanager
-def writing_to(folder: Path, key: str, title: str) -> Iterator[None]:
+def writing_to(folder: Path, key: str, title: str) -> Iterator[Hold]:
     """Hold the lock for writing the sweep in `folder` to a tracker, as its driver or `deltatune sync` does.
 
     key: the tracker's, part of the names of the lock's files. Raises InputError, which names the present holder.
     """
-    with _held(folder, f".{key}.lock", f".{key}.json", f"the sweep in {folder} is being written into {title} by "):
-        yield
+    what = f"the sweep in {folder} is being written into {title} by "
+    with _held(folder, f".{key}.lock", f".{key}.json", what) as hold:
+        yield hold
 
 
 def driver(folder: Path) -> str | None:
@@ -112,9 +143,8 @@ def _held(folder: Path, lock: str, file: str, what: str, on_lost: Callable[[], N
         finally:
             gone.set()
             keeper.join()
-            if not hold.lost:
-                with suppress(Exception):  # an unreachable storage: the lease expires in a minute
-                    disk.remove(folder / file)
+            with suppress(Exception):  # an unreachable storage: the lease expires in a minute
+                hold.remove()
 
 
 @contextmanager
@@ -137,12 +167,16 @@ def _lease(folder: Path, file: str, what: str) -> Iterator[Hold]:
     before, me = _read(folder, file), _me()
     if before and (_alive(before) or _changes(folder, file, before)):
         raise _taken(what, _read(folder, file) or before)
+    began = clock.since_boot()
+    if (there := _read(folder, file)) != before:
+        raise _taken(what, there)
     _write(folder, file, me)
-    clock.sleep(SETTLE_SECONDS)
+    slow = clock.since_boot() - began > SLOW_SECONDS
+    clock.sleep(LEASE_SECONDS / 2 if slow else SETTLE_SECONDS)  # a driver that it was taken from must notice
     there = _read(folder, file)
     if there is None or there.get("token") != me["token"]:
         raise _taken(what, there)
-    yield Hold(folder, me, me["token"][:8], _file=file)
+    yield Hold(folder, me, me["token"][:8], _file=file, _beat=began)
 
 
 def _changes(folder: Path, file: str, before: Who) -> bool:
@@ -161,12 +195,10 @@ def _keep(hold: Hold, gone: threading.Event, on_lost: Callable[[], None]) -> Non
     """Send heartbeats as long as the holder has the lease."""
     while not clock.wait(gone, LEASE_SECONDS / 4):
         with suppress(Exception):  # the storage is unreachable for a moment
-            if hold.token:
-                hold.verify()
+            hold.beat()
             if hold.lost:
                 on_lost()
                 return
-            _write(hold.folder, hold._file, hold.who | {"alive": clock.time()})
 
 
 def _me() -> Who:

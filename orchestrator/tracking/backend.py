@@ -25,8 +25,11 @@ class TrackingBackend(Protocol):
     parent: str
     """The name of the copy: a run's id or a file."""
 
-    def __init__(self, results: Results, uri: str) -> None:
-        """Open the copy of a sweep at `uri`, creating it where it is missing."""
+    def __init__(self, results: Results, uri: str, check: Callable[[], None] = ...) -> None:
+        """Open the copy of a sweep at `uri`, creating it where it is missing.
+
+        check: call it before each write; it raises OSError where another process may have taken over the writing.
+        """
 
     def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
         """Write an ended cell, unless the copy has it; `read` returns its record with the curve."""

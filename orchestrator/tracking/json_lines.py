@@ -47,7 +47,8 @@ class JsonLines:
 
     errors: ClassVar[tuple[type[Exception], ...]] = (OSError, InputError)
 
-    def __init__(self, results: Results, uri: str) -> None:
+    def __init__(self, results: Results, uri: str, check: Callable[[], None] = lambda: None) -> None:
+        self._check = check
         self._results, self._meta = results, results.meta()
         self._id = content_id([results.name, self._meta["created"]])
         self._configurations = Configurations(results)
@@ -81,6 +82,7 @@ class JsonLines:
                 if key[0] == "cell" and key[1] in of and last[key] == number:
                     file.write(line)
             file.writelines([*rows, self._of_sweep("FINISHED")])
+        self._check()
         beside.replace(self._path)
 
     def end(self, status: str) -> None:
@@ -113,6 +115,7 @@ class JsonLines:
         return json.dumps(own | {"sweep_id": self._id} | plain, allow_nan=False).encode() + b"\n"
 
     def _append(self, line: bytes) -> None:
+        self._check()
         with self._path.open("ab") as file:
             file.write(line)
 
@@ -130,6 +133,7 @@ class JsonLines:
                 if line.endswith(b"\n"):
                     whole += len(line)
         if whole < self._path.stat().st_size:
+            self._check()
             os.truncate(self._path, whole)
 
 

@@ -42,7 +42,7 @@ def sync_now(findings: Findings, uri: str, artifacts: Iterable[Path]) -> str:
     kind = kind_of(uri)
     backend = kind.load()
     try:
-        with kind.held(findings.results.folder):
-            return sync(findings, uri, artifacts)
+        with kind.held(findings.results.folder) as hold:
+            return sync(findings, uri, artifacts, backend(findings.results, uri, hold.check_surely))
     except backend.errors as error:
         raise SweepError(f"{kind.title} at {shown(uri)} cannot be written to: {str(error).splitlines()[0]}") from None

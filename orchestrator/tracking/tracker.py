@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from orchestrator import clock
+from orchestrator.results.lock import Hold
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.backend import TrackingBackend
@@ -27,6 +28,9 @@ WAITING = 200
 FIRST_PAUSE, LONGEST_PAUSE = 2.0, 60.0
 """Seconds before a failed store is tried again; doubled each time."""
 
+
+IDLE = 60.0
+"""Seconds that the thread waits for a record at a time."""
 
 PATIENCE = 30.0
 """Seconds that a sweep waits at its end for a running `deltatune sync`."""
@@ -45,7 +49,7 @@ class Tracker:
         self._thread: clock.Worker | None = None
         self._backend: TrackingBackend | None = None
         self._held = contextlib.ExitStack()
-        self._holds = False
+        self._hold: Hold | None = None
         self.error: Exception | None = None
         """Why the copy is incomplete, or None; `deltatune sync` completes it."""
         self.parent: str | None = None
@@ -64,8 +68,7 @@ class Tracker:
         """Write all that is missing, and return the copy's name (in MLflow, the parent run's id); None on failure."""
         self._close()
         try:
-            self._backend = self._backend or self._connected(PATIENCE)
-            parent = sync(findings, self.uri, artifacts, self._backend)
+            parent = sync(findings, self.uri, artifacts, self._connected(PATIENCE))
         except Exception as error:
             _log(f"{self.kind.title} is incomplete", error)
             self.error = error
@@ -89,6 +92,8 @@ class Tracker:
     def _close(self) -> None:
         """End the thread."""
         self._closing.set()
+        with contextlib.suppress(queue.Full):  # it does not wait for anything then
+            self._queue.put_nowait(None)
         if self._thread is not None:
             self._thread.join()
 
@@ -97,23 +102,27 @@ class Tracker:
 
         It is opened with the lock held, since another process may have changed the copy. patience: seconds to wait.
         """
+        if self._hold is not None and self._hold.lost:
+            self._held.close()
+            self._hold = self._backend = None
         deadline = clock.monotonic() + patience
-        while not self._holds:
+        while self._hold is None:
             try:
-                self._held.enter_context(self.kind.held(self._results.folder))
-                self._holds = True
+                self._hold = self._held.enter_context(self.kind.held(self._results.folder))
             except InputError:
                 if clock.monotonic() >= deadline:
                     raise
                 clock.sleep(0.2)
-        return self.kind.load()(self._results, self.uri)
+        if self._backend is None:
+            self._backend = self.kind.load()(self._results, self.uri, self._hold.check_surely)
+        return self._backend
 
     def _work(self) -> None:
         pause = FIRST_PAUSE
         item: tuple[str, Record] | None = None
         while not self._closing.is_set():
             with contextlib.suppress(queue.Empty):
-                item = item or clock.take(self._queue, 0.2)
+                item = item or clock.take(self._queue, IDLE)
             if item is None:
                 continue
             try:
@@ -126,8 +135,7 @@ class Tracker:
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     def _write(self, stage: str, record: Record) -> None:
-        self._backend = self._backend or self._connected()
-        self._backend.write_cell(stage, record.head, lambda: record)
+        self._connected().write_cell(stage, record.head, lambda: record)
 
 
 def _log(what: str, error: Exception) -> None:

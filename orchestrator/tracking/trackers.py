@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from orchestrator.results.lock import writing_to
+from orchestrator.results.lock import Hold, writing_to
 
 if TYPE_CHECKING:
     from orchestrator.tracking.backend import TrackingBackend
@@ -43,10 +43,10 @@ class TrackerKind:
         return uri
 
     @contextmanager
-    def held(self, folder: Path) -> Iterator[None]:
+    def held(self, folder: Path) -> Iterator[Hold]:
         """Hold the lock for writing the sweep in `folder` there. Raises InputError, which names the present holder."""
-        with writing_to(folder, self.key, self.title):
-            yield
+        with writing_to(folder, self.key, self.title) as hold:
+            yield hold
 
 
 MLFLOW = TrackerKind(

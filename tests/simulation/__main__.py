@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import logging
 import os
 import sys
@@ -28,6 +29,7 @@ def main() -> None:
     parser.add_argument("--crash-points", action="store_true", help="every crash point of a tiny sweep instead")
     parser.add_argument("--mutants", action="store_true", help="mistakes in the code instead, each until it is found")
     options = parser.parse_args()
+    gc.set_threshold(100_000)  # most of what there is stays
     logging.getLogger("deltatune").addHandler(logging.NullHandler())
     if options.crash_points:
         tried = list(crash_points.every())

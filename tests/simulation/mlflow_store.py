@@ -19,18 +19,20 @@ class Store:
         self.runs: dict[str, str] = {}
         self.status = ""
 
-    def call(self) -> None:
-        """Any request."""
+    def call(self, effect: Callable[[], None] = lambda: None) -> None:
+        """Any request: it reaches the store at once, whatever becomes of its sender, or not at all."""
         world = self.world
-        world.pause(0.01)
         if world.chance("MLflow does not answer"):
             world.pause(world.random.uniform(10, 120))
             raise TimeoutError("no answer")
         if world.chance("MLflow answers 500"):
+            world.pause(0.01)
             raise RuntimeError("500 Internal Server Error")
+        effect()
+        world.pause(0.01)
 
-    def mirror(self, results: Results, uri: str) -> Mirror:
-        return Mirror(self)
+    def mirror(self, results: Results, uri: str, check: Callable[[], None]) -> Mirror:
+        return Mirror(self, check)
 
     def sync(self, findings: Results, uri: str, artifacts: object, mirror: Mirror) -> str:
         """As `tracking.sync` writes the cells."""
@@ -44,8 +46,9 @@ class Store:
 class Mirror:
     """What one process knows of the store."""
 
-    def __init__(self, store: Store) -> None:
-        self._store = store
+    def __init__(self, store: Store, check: Callable[[], None]) -> None:
+        self._store, self._check = store, check
+        check()
         store.call()
         self._known = dict(store.runs)
 
@@ -53,14 +56,18 @@ class Mirror:
         key, store = head.cell.id, self._store
         if self._known.get(key) == head.digest or (record := read()) is None:
             return
-        store.call()
-        frozen = store.world.faults.get("stale lease")  # MLflow has no lease: see docs/reliability.md
-        if key in store.runs and key not in self._known and not frozen:
-            store.world.violated(f"MLflow gets a second run of the cell {key}")
-        store.runs[key] = self._known[key] = record.digest
-        store.call()
+
+        def write() -> None:
+            if key in store.runs and key not in self._known:
+                store.world.violated(f"MLflow gets a second run of the cell {key}")
+            store.runs[key] = self._known[key] = record.digest
+
+        self._check()
+        store.call(write)
+        store.call()  # what it has taken may seem to have failed
 
     def end(self, status: str) -> None:
+        self._check()
         self._store.call()
         self._store.status = status
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import inspect
 import textwrap
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 from unittest import mock
 
@@ -18,6 +18,8 @@ from tests.simulation.simulate import simulate, undisturbed
 from trainables.storage import atomic
 
 FAULTS = {"power loss": 0.02, "crash": 0.01, "lost worker": 0.3, "second driver": 0.9, "double outcome": 0.3}
+TORN = {"torn write": 0.15}
+FROZEN = {"stale lease": 0.02, "second driver": 0.9, "MLflow does not answer": 0.1}
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,9 @@ class Mutant:
     """The module in which it is written."""
     old: str
     new: str
+    faults: Mapping[str, float] = field(default_factory=FAULTS.copy)
+    """Those that find it soon."""
+    on_disk: bool = True
 
     @contextlib.contextmanager
     def made(self) -> Iterator[None]:
@@ -49,8 +54,7 @@ class Mutant:
         """Return the first seed that finds it."""
         undisturbed()
         with self.made():
-            disk = "lease" not in self.what
-            return next((seed for seed in seeds if simulate(seed, disk, FAULTS).violations), None)
+            return next((seed for seed in seeds if simulate(seed, self.on_disk, dict(self.faults)).violations), None)
 
 
 MUTANTS = [
@@ -84,6 +88,35 @@ MUTANTS = [
         "self.packs += [Pack((cell,)) for cell in left]",
         "pass",
     ),
+    Mutant(
+        "a new driver appends to the last segment, torn as it may be",
+        record_log.RecordLog,
+        "_next",
+        record_log,
+        "self._number += 1",
+        "self._number = max(self._number, 0)",
+        TORN,
+    ),
+    Mutant(
+        "who was frozen on a lease writes on into MLflow, without looking",
+        lock.Hold,
+        "check_surely",
+        lock,
+        "self.verify()",
+        "pass",
+        FROZEN,
+        on_disk=False,
+    ),
+    Mutant(
+        "a lease that is gone is taken for the own one, however long nobody has signed it",
+        lock.Hold,
+        "verify",
+        lock,
+        "there = {} if self._overdue() else self.who",
+        "there = self.who",
+        FROZEN,
+        on_disk=False,
+    ),
     Mutant("nobody takes the lock", lock, "_file_lock", lock, "lock.acquire(timeout=0)", "pass"),
     Mutant(
         "an outcome that comes twice is recorded twice",
@@ -100,5 +133,6 @@ MUTANTS = [
         lock,
         "if before and (_alive(before) or _changes(folder, file, before)):",
         "if False:",
+        on_disk=False,
     ),
 ]

@@ -15,13 +15,11 @@ from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from unittest import mock
 
 import greenlet
 from rich.console import Console
 
 from orchestrator import clock
-from orchestrator.analysis import groups, selection
 from orchestrator.errors import SweepError
 from orchestrator.execution import session, stage
 from orchestrator.execution.session import SweepSession
@@ -35,6 +33,7 @@ from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 from tests.simulation.files import Disk, clear
 from tests.simulation.mlflow_store import Store, register
+from tests.simulation.pure import PURE, Patch, patched
 from tests.simulation.workers import TIME_LIMIT, Workers
 from tests.simulation.world import Crash, Driver, StuckError, World
 from trainables.errors import InputError
@@ -94,6 +93,8 @@ TINY = SMALL | {
     "scenarios": [SMALL["scenarios"][0] | {"source": {"task": "windy_gridworld"}}],
 }
 """The sweep whose every crash point is tried."""
+
+QUIET = Console(quiet=True)
 
 Tables = tuple[list[str], list[str]]
 
@@ -195,7 +196,9 @@ class User:
         settings = Settings(local=True, workers=3, time_limit=TIME_LIMIT, retry_failed=calm)
         now: SweepSession | None = None
         try:
-            with SweepSession.open(self.storage, "small", self._space, tracking_uri="sqlite:///simulation") as now:
+            with SweepSession.open(
+                self.storage, "small", self._space, tracking_uri="sqlite:///simulation", console=QUIET
+            ) as now:
                 if not world.lied and not world.kept.keys() <= now.results.heads().keys():
                     world.violated("what was recorded is not there any more")
                 tally = now.run(settings)
@@ -326,14 +329,16 @@ def in_virtual_time(world: World, storage: Path) -> Iterator[tuple[Disk, Store]]
     def token(_: object = None) -> str:
         return f"{world.random.getrandbits(128):032x}"
 
-    patches: list[tuple[Any, str, Any]] = [
-        *((clock, name, getattr(world, name)) for name in ("time", "monotonic", "sleep", "wait", "take", "beside")),
+    patches: list[Patch] = [
+        *(
+            (clock, name, getattr(world, name))
+            for name in ("time", "monotonic", "since_boot", "sleep", "wait", "take", "beside")
+        ),
         *(
             (disk, name, getattr(files, name))
             for name in ("create", "extend", "write", "sync", "truncate", "replace", "remove", "put", "sync_folder")
         ),
         (stage, "executor", executor),
-        (stage, "Display", _NoDisplay),
         (session, "stop_now", lambda: setattr(world.driver, "asked", True)),
         (session, "_signals", contextlib.nullcontext),
         (mirror, "Mirror", store.mirror),
@@ -345,45 +350,12 @@ def in_virtual_time(world: World, storage: Path) -> Iterator[tuple[Disk, Store]]
         (lock, "uuid", SimpleNamespace(uuid4=lambda: SimpleNamespace(hex=token()))),
         (atomic, "secrets", SimpleNamespace(token_hex=lambda size: token()[: 2 * size])),
         (Results, "add", add),
-        (groups, "groups", lambda table: table),
-        (selection, "select", _select),
+        *PURE,
     ]
-    with contextlib.ExitStack() as stack:
-        for target, name, value in patches:
-            stack.enter_context(mock.patch.object(target, name, value))
+    with patched(patches):
         yield files, store
 
 
 def uncertain(world: World) -> bool:
     """Return whether two drivers may both believe that they hold the sweep: a lease can be lost unknown."""
     return bool(world.faults.get("stale lease"))
-
-
-_chosen: dict[Any, Any] = {}
-_real = groups.groups, selection.select
-
-
-def _select(table: Any, same: Any) -> Any:
-    """Remember what was chosen from the same outcomes: the statistics are no subject here, and slow."""
-    key = tuple(table["cell_id"]), tuple(table["status"])
-    if key not in _chosen:
-        _chosen[key] = _real[1](_real[0](table), table)
-    return _chosen[key]
-
-
-class _NoDisplay:
-    """Shows nothing."""
-
-    def __init__(self, console: Console, stage: str, total: int, folder: Path) -> None:
-        pass
-
-    def __enter__(self) -> _NoDisplay:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
-
-    def _ignore(self, *words: object) -> None:
-        pass
-
-    ended = progress = over = running = abandon = _ignore

@@ -46,7 +46,7 @@ def _outcome(cell: Cell, keep: bool) -> Outcome:
     points = {name: [0, 1, 2] for name in curve.FIELDS} | {"greedy_return": [0.0, number / 7, -number / 3]}
     if number % 7 == 3:
         return Outcome.of(cell, f"ValueError: known failure {number}", points, 1.0)
-    table = np.random.default_rng(number).normal(size=(400, 4))
+    table = np.full((400, 4), number / 7)
     outcome = Outcome.of(cell, "", points, 1.0)
     return replace(outcome, knowledge=Knowledge({"q": table}).to_bytes() if keep else None)
 

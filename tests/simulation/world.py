@@ -144,9 +144,12 @@ class World:
 
     def chance(self, fault: str) -> bool:
         """Return whether a fault strikes now."""
-        share = 0.0 if self.calm or (self.driver and self.driver.quiet) else self.faults.get(fault, 0.0)
-        struck = bool(share) and self.random.random() < share
-        self.injected[fault] += struck
+        share = self.faults.get(fault)
+        if not share or self.calm or (self._at and self._at.driver and self._at.driver.quiet):
+            return False
+        struck = self.random.random() < share
+        if struck:
+            self.injected[fault] += 1
         return struck
 
     def step(self) -> None:
@@ -191,6 +194,8 @@ class World:
 
     def monotonic(self) -> float:
         return self.now
+
+    since_boot = monotonic
 
     def sleep(self, seconds: float) -> None:
         self.pause(seconds)

@@ -22,6 +22,7 @@ from typing import Any, ClassVar, NamedTuple
 import pandas as pd
 from mlflow.entities import Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
+from mlflow.tracking import MlflowClient
 
 from orchestrator.analysis.curves import NO_CURVE, mean_curves
 from orchestrator.analysis.findings import Findings
@@ -69,12 +70,13 @@ class Mirror:
 
     errors: ClassVar[tuple[type[Exception], ...]] = (MlflowException, OSError)
 
-    def __init__(self, results: Results, uri: str) -> None:
+    def __init__(self, results: Results, uri: str, check: Callable[[], None] = lambda: None) -> None:
+        self._check = check
         self._results, self._configurations = results, Configurations(results)
         meta = results.meta()
         self._sweep_id = content_id([results.name, meta["created"]])
         self._meta = meta
-        self._client = connect(uri)
+        self._connected = connect(uri)
         self._experiment = find_experiment(
             self._client, uri, meta["space"]["family"] or meta["space"]["name"], results.storage / "mlartifacts"
         )
@@ -89,6 +91,12 @@ class Mirror:
             for run in self._runs()
         }
         self.parent = self._find_parent()
+
+    @property
+    def _client(self) -> MlflowClient:
+        """The client for one request, which only the one who writes this sweep may make."""
+        self._check()
+        return self._connected
 
     def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
         """Write the run of an ended cell, unless it exists; `read` returns the whole record."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from orchestrator import clock
 from orchestrator.errors import LeaseLostError
 from orchestrator.results import lock
 from orchestrator.results.lock import DRIVER, driver, locked, writing_to
@@ -127,6 +128,34 @@ def test_two_drivers_never_write_over_each_others_records_and_the_one_without_th
     everything.refresh()
     assert sorted(head.cell.seed for head in everything.heads().values()) == [0, 1, 2, 3]
     assert driver(bucket) is None
+
+
+def test_a_lease_that_another_has_had_meanwhile_is_lost(bucket: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file is gone once the other has ended: a driver that was frozen must not take that for its own."""
+    hold = lock.Hold(bucket, {"token": "a" * 32}, token="a" * 8)
+    hold.verify()
+    assert not hold.lost, "within the lease nobody can have taken it"
+    now = clock.since_boot()
+    monkeypatch.setattr(clock, "since_boot", lambda: now + lock.LEASE_SECONDS)
+    with pytest.raises(LeaseLostError):
+        hold.check()
+
+
+def test_a_heartbeat_that_took_so_long_that_another_may_have_come_meanwhile_gives_the_lease_up(
+    bucket: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hold = lock.Hold(bucket, {"token": "a" * 32}, token="a" * 8)
+    hold.beat()
+    now, write = clock.since_boot(), lock._write
+
+    def slow(folder: Path, file: str, who: lock.Who) -> None:
+        write(folder, file, who)
+        monkeypatch.setattr(clock, "since_boot", lambda: now + 100)
+
+    monkeypatch.setattr(lock, "_write", slow)
+    hold.beat()
+    assert hold.lost
+    assert not (bucket / DRIVER).exists()
 
 
 def test_compaction_takes_away_no_record_that_it_has_not_read(bucket: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from deltatune.publish import publish
 from orchestrator.analysis.findings import find
+from orchestrator.errors import LeaseLostError
 from orchestrator.execution.session import SweepSession
 from orchestrator.model_registry import pretrained
 from orchestrator.results.sweep_folder import Results
@@ -108,3 +109,27 @@ def test_a_folder_is_made_when_the_first_line_is_written(tmp_path: Path) -> None
 def test_a_registered_source_is_asked_of_mlflow_alone(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="have no registry of trained sources"):
         pretrained.read(["models:/deltatune-cartpole@best"], space(), f"jsonl:{tmp_path}")
+
+
+def test_who_has_lost_the_writing_to_another_writes_nothing(done: Results, tmp_path: Path) -> None:
+    lost: list[Exception] = []
+
+    def check() -> None:
+        for error in lost:
+            raise error
+
+    (stage, _, first), (_, _, second), *_ = [each for each in done.records() if each[2]]
+    assert first is not None
+    assert second is not None
+    backend = JsonLines(done, f"jsonl:{tmp_path}", check)
+    backend.write_cell(stage, first.head, lambda: first)
+    before = file_of(done, tmp_path).read_bytes()
+    lost.append(LeaseLostError("another writes"))
+    for write in (
+        lambda: backend.write_cell(stage, second.head, lambda: second),
+        lambda: backend.finish(find(done), []),
+        lambda: backend.end("KILLED"),
+    ):
+        with pytest.raises(LeaseLostError):
+            write()
+    assert lines(file_of(done, tmp_path)) == [json.loads(before)]

@@ -17,9 +17,10 @@ from mlflow.tracking import MlflowClient
 from deltatune.publish import artifacts, publish
 from orchestrator.analysis.findings import find
 from orchestrator.analysis.labels import group_name
-from orchestrator.errors import SweepError
+from orchestrator.errors import LeaseLostError, SweepError
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow import fields
+from orchestrator.tracking.mlflow.mirror import Mirror
 from orchestrator.tracking.mlflow.views import LEADERBOARD
 from orchestrator.tracking.sync import sync, sync_now
 from orchestrator.tracking.tracker import Tracker
@@ -255,6 +256,40 @@ def test_an_aggregate_of_a_sweep_that_was_stopped_is_not_left_running(mirrored: 
     sync(find(mirrored), uri, [])
     kinds = Counter(run.data.tags["kind"] for run in client.search_runs([experiment.experiment_id], max_results=1000))
     assert kinds == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
+
+
+def test_who_has_lost_the_writing_to_another_makes_no_request(mirrored: Results, tmp_path: Path) -> None:
+    allowed = [True] * 1000
+
+    def check() -> None:
+        if not allowed:
+            raise LeaseLostError("another writes")
+        allowed.pop()
+
+    stage, _, record = next(mirrored.records())
+    assert record is not None
+    backend = Mirror(mirrored, f"sqlite:///{tmp_path}/mlflow.db", check)
+    backend.write_cell(stage, record.head, lambda: record)
+    database = MlflowClient(f"sqlite:///{tmp_path}/mlflow.db")
+    (experiment,) = database.search_experiments(filter_string="name = 'deltatune/tests'")
+
+    def there() -> list[Any]:
+        return [run.to_dictionary() for run in database.search_runs([experiment.experiment_id])]
+
+    before = there()
+    allowed.clear()
+    second = list(mirrored.records())[1][2]
+    for write in (
+        lambda: backend.write_cell(stage, second.head, lambda: second),  # type: ignore[union-attr]
+        lambda: backend.finish(find(mirrored), []),
+        lambda: backend.end("KILLED"),
+    ):
+        with pytest.raises(LeaseLostError):
+            write()
+    assert there() == before
+    allowed.append(True)  # one request of several: the next one is not made
+    with pytest.raises(LeaseLostError):
+        backend.write_cell(stage, second.head, lambda: second)  # type: ignore[union-attr]
 
 
 def test_thinned_curves_keep_their_ends() -> None:

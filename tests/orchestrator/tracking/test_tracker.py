@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import threading
+from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from deltatune import publish
+from orchestrator import clock
 from orchestrator.analysis.findings import Findings, find
+from orchestrator.errors import LeaseLostError, LeaseUnknownError
 from orchestrator.execution.session import SweepSession
+from orchestrator.results import lock
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking import tracker
 from orchestrator.tracking.mlflow import mirror as mlflow_mirror
@@ -19,6 +25,7 @@ from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.trackers import MLFLOW
 from tests.orchestrator.local_sweeps import LOCAL, space
 from trainables.errors import InputError
+from trainables.storage.paths import storage_path
 
 
 class Store:
@@ -48,11 +55,11 @@ def store(monkeypatch: pytest.MonkeyPatch) -> Store:
             raise OSError("the store is away")
         made.status = "FINISHED"
 
-    def mirror(results: Results, uri: str) -> Any:
+    def mirror(results: Results, uri: str, check: Callable[[], None]) -> Any:
         found = made.mirror(results, uri)
         found.finish = finish
         found.write_cell = lambda stage, head, read: (
-            head.cell.id in found.known or (made.runs.append(head.cell.id), found.known.add(head.cell.id))
+            head.cell.id in found.known or check() or (made.runs.append(head.cell.id), found.known.add(head.cell.id))
         )
         return found
 
@@ -108,3 +115,37 @@ def test_a_store_that_fails_at_the_end_is_not_left_running(done: Results, store:
     else:
         assert Tracker(done, "sqlite:///x").finish(find(done), []) is None
     assert store.status == "FAILED"
+
+
+def test_who_was_frozen_until_another_took_over_writes_nothing_more(
+    done: Results, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On an object store, where a lease can be lost: before each write to a tracker the holder looks it up."""
+    folder = storage_path("memory://deltatune/frozen")
+    monkeypatch.setattr(lock, "SETTLE_SECONDS", 0.0)
+    records = [(stage, record) for stage, _, record in done.records() if record]
+    sweep = Tracker(done, "sqlite:///x")
+    monkeypatch.setattr(done, "folder", folder)
+    try:
+        sweep._write(*records[0])
+        now = clock.since_boot()
+        (folder / ".mlflow.json").write_text(json.dumps(lock._me() | {"pid": 1, "host": "elsewhere"}))
+        monkeypatch.setattr(clock, "since_boot", lambda: now + lock.LEASE_SECONDS)
+        with pytest.raises(LeaseLostError, match="was taken over by process 1 on elsewhere"):
+            sweep._write(*records[1])
+        assert store.runs == [records[0][1].cell.id]
+        sweep.stop()
+        assert (lock._read(folder, ".mlflow.json") or {})["host"] == "elsewhere", "another's lease was removed"
+    finally:
+        folder.fs.store.clear()  # type: ignore[attr-defined]
+
+
+def test_where_nobody_can_tell_who_writes_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hold = lock.Hold(tmp_path, {"token": "a" * 32}, token="a" * 8)
+    (tmp_path / lock.DRIVER).mkdir()  # reading it fails
+    hold.check_surely()
+    now = clock.since_boot()
+    monkeypatch.setattr(clock, "since_boot", lambda: now + lock.LEASE_SECONDS)
+    with pytest.raises(LeaseUnknownError, match="cannot look up who holds the lease"):
+        hold.check_surely()
+    hold.check()  # a record is written over by nobody: it may be tried
