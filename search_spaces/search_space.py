@@ -10,87 +10,22 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from search_spaces.domains import Grid, Options, Range, Strict
+from search_spaces.domains import Grid, Range, Strict
 from search_spaces.limits import (
     MAX_CELLS,
     MAX_CONFIGURATIONS,
-    MAX_LIBRARY,
     MAX_SCENARIOS,
-    MAX_SEED,
-    MAX_SEEDS,
-    MAX_TARGETS,
     twice,
 )
+from search_spaces.seeds import Seed, Seeds
+from search_spaces.source_space import Hyperparameters, Scenario, many
 from trainables.agents.agent import Agent
 from trainables.agents.registry import agent_named
-from trainables.errors import shown
 from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
 
 log = logging.getLogger("deltatune.search_spaces")
-
-
-def _seeds(value: object) -> object:
-    """Return the seeds 0..n-1 for a number n."""
-    if isinstance(value, int) and not isinstance(value, bool):
-        if value < 1:
-            raise ValueError(f"must be at least 1, or a list of seeds (got {shown(value)})")
-        if value > MAX_SEEDS:
-            raise ValueError(f"must be at most {MAX_SEEDS:,} (got {shown(value)})")
-        return tuple(range(value))
-    if isinstance(value, list) and len(value) > MAX_SEEDS:
-        raise ValueError(f"must be at most {MAX_SEEDS:,} (got a list of {len(value):,})")
-    return _tuple(value)
-
-
-def _tuple(value: object) -> object:
-    return tuple(value) if isinstance(value, list) else value
-
-
-Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
-Seeds = Annotated[
-    tuple[Seed, ...],
-    BeforeValidator(
-        _seeds,
-        json_schema_input_type=Annotated[int, Field(ge=1, le=MAX_SEEDS)]
-        | Annotated[list[Seed], Field(min_length=1, max_length=MAX_SEEDS)],
-    ),
-    Field(min_length=1),
-]
-Names = Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_TARGETS), BeforeValidator(_tuple)]
-Kinds = Annotated[tuple[Literal["learned", "exact"], ...], Field(min_length=1), BeforeValidator(_tuple)]
-Hyperparameters = dict[str, Options]
-
-
-class SourceSpace(Strict):
-    """Stage 1 of a scenario: the source tasks, and how their knowledge is obtained."""
-
-    task: str
-    library: Annotated[tuple[str, ...], Field(max_length=MAX_LIBRARY), BeforeValidator(_tuple)] = ()
-    """Further source tasks, for agents that choose among several sources (delta_select); other agents use `task` only.
-    Each is trained like `task`. A target that is in the library is not a source for itself."""
-    agent: str = "q_learning"
-    kinds: Kinds = ("learned",)
-    """learned: trained by `agent` with the best of `hyperparameters`; exact: value iteration (tabular tasks)."""
-    hyperparameters: Hyperparameters = Field(default_factory=dict)
-    """What stage 1 sweeps. Stage 2 uses the best values by mean AUC."""
-    pick: Literal["own_seed", "best_evaluated"] | Seed | None = None
-    """The knowledge that a target seed gets. own_seed: the last of the same source seed; best_evaluated: the network
-    with the best greedy evaluation of all source seeds; a number: the best of that seed. Default: own_seed for tabular
-    tasks, best_evaluated for deep ones."""
-
-    @property
-    def tasks(self) -> tuple[str, ...]:
-        """The source task, then those of the library."""
-        return (self.task, *self.library)
-
-
-class Scenario(Strict):
-    """A source task and the target tasks to which its knowledge is transferred."""
-
-    source: SourceSpace
-    targets: Names
 
 
 class Scheduler(Strict):
@@ -126,7 +61,7 @@ class SearchSpace(Strict):
     """The MLflow experiment; default: the name."""
     description: str = ""
     seeds: Seeds
-    scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1, max_length=MAX_SCENARIOS), BeforeValidator(_tuple)]
+    scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1, max_length=MAX_SCENARIOS), BeforeValidator(many)]
     agents: Annotated[dict[str, Hyperparameters], Field(min_length=1)]
     """Stage 2: each agent with its hyperparameters to sweep."""
     hyperparameters: Hyperparameters = Field(default_factory=dict)
@@ -149,8 +84,8 @@ class SearchSpace(Strict):
             base = agent_named(scenario.source.agent)
             if base.needs_source:
                 raise ValueError(f"source.agent must learn without a source (got {base.name})")
-            if isinstance(scenario.source.pick, int) and scenario.source.pick not in self.seeds:
-                raise ValueError(f"source.pick must be one of the seeds (got {scenario.source.pick})")
+            _once("source.seeds", [str(seed) for seed in scenario.source.trained(self.seeds)])
+            scenario.source.check_pick(self.seeds)
             self._check_agent(base, scenario.source.hyperparameters, [source, *library])
             for name, options in self.agents.items():
                 self._check_agent(agent_named(name), options, targets)
@@ -170,6 +105,12 @@ class SearchSpace(Strict):
             if not any(key in agent_named(name).hyperparameters.model_fields for name in self.agents):
                 raise ValueError(f"hyperparameters.{key} is known to none of the agents ({', '.join(self.agents)})")
 
+    @property
+    def every_seed(self) -> tuple[int, ...]:
+        """The seeds of the target cells, then those of source cells beside them."""
+        sources = (scenario.source.trained(self.seeds) for scenario in self.scenarios)
+        return tuple(dict.fromkeys(itertools.chain(self.seeds, *sources)))
+
     def to_json(self) -> dict[str, object]:
         """Return the space as plain data; `SearchSpace.model_validate(space.to_json()) == space`."""
         return self.model_dump(mode="json", by_alias=True)
@@ -180,12 +121,14 @@ def _check_size(space: SearchSpace) -> None:
     asked = 0
     for scenario in space.scenarios:
         source, seeds = scenario.source, len(space.seeds)
+        trained = len(source.trained(space.seeds))
         if source.hyperparameters or "learned" in source.kinds:
             tasks = len(source.tasks) if "learned" in source.kinds else 1
-            asked += tasks * seeds * _configurations(space, source.agent, source.hyperparameters)
+            asked += tasks * trained * _configurations(space, source.agent, source.hyperparameters)
         for agent, options in space.agents.items():
-            kinds = len(source.kinds) if agent_named(agent).needs_source else 1
-            asked += len(scenario.targets) * kinds * seeds * _configurations(space, agent, options)
+            kinds = [trained if source.pick == "each" and kind == "learned" else 1 for kind in source.kinds]
+            crossed = sum(kinds) if agent_named(agent).needs_source else 1
+            asked += len(scenario.targets) * crossed * seeds * _configurations(space, agent, options)
     if asked > MAX_CELLS:
         raise ValueError(f"it asks for {asked:,} cells, more than {MAX_CELLS:,}: take fewer values, tasks or seeds")
 

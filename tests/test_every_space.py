@@ -15,6 +15,7 @@ from conftest import LOCAL
 from rich.console import Console
 
 from deltatune.publish import publish
+from orchestrator.analysis.findings import find
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.replay import replay
 from orchestrator.execution.sweep import run
@@ -67,11 +68,16 @@ CUSTOM = {
 @pytest.fixture(params=[*built_in(), *CUSTOM])
 def space(request: pytest.FixtureRequest, tmp_path: Path) -> SearchSpace:
     """Every space in turn; those of custom code from YAML files beside it."""
-    if request.param in built_in():
-        return load(request.param)
+    return loaded(request.param, tmp_path)
+
+
+def loaded(asked: str, tmp_path: Path) -> SearchSpace:
+    """A space by its name."""
+    if asked in built_in():
+        return load(asked)
     for name in ("tank.py", "fading_advice.py"):
         (tmp_path / name).write_bytes((EXAMPLES / name).read_bytes())
-    (tmp_path / "custom.yaml").write_text(yaml.safe_dump(CUSTOM[request.param]))
+    (tmp_path / "custom.yaml").write_text(yaml.safe_dump(CUSTOM[asked]))
     return load(str(tmp_path / "custom.yaml"))
 
 
@@ -163,8 +169,13 @@ def snapshot(folder: Path) -> dict[str, bytes]:
 def test_a_space_in_miniature_is_forecast_run_reported_exported_tracked_and_replayed(
     space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from_forecast_to_replay(miniature(space), tmp_path, monkeypatch)
+
+
+def from_forecast_to_replay(small: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Results:
+    """Do with a small space all that can be done."""
     monkeypatch.setattr("orchestrator.execution.forecast.measure", functools.partial(measure, seconds=0.01))
-    small, storage = miniature(space), tmp_path / "storage"
+    storage = tmp_path / "storage"
     storage.mkdir()
     forecast(small, LOCAL, Results(storage / small.name), workers=1)
     assert snapshot(storage) == {}
@@ -190,3 +201,41 @@ def test_a_space_in_miniature_is_forecast_run_reported_exported_tracked_and_repl
     one = {cell.agent: cell for cells in results.plan().values() for cell in cells}
     assert all(replay(storage, cell.id).agrees for cell in one.values())
     assert run(results, LOCAL, Console(quiet=True)).ran == 0
+    return results
+
+
+def crossed(space: SearchSpace) -> SearchSpace:
+    """The space with two source networks for every seed, wherever something is learned."""
+    data = space.to_json()
+    for scenario in data["scenarios"]:
+        if "learned" in scenario["source"]["kinds"]:
+            scenario["source"] |= {"pick": "each", "seeds": [0, 7]}
+    return parse(space.name, data)
+
+
+def test_source_networks_are_crossed_with_the_seeds_in_every_space(space: SearchSpace) -> None:
+    asked = crossed(narrow(space, seeds=3))
+    sources, transfers = planned(asked)
+    assert {arm.key for arm in transfers if arm.sources} <= set(keys(asked))
+    assert all(arm.seeds == ((0, 7) if arm.key.kind == "none" else (0, 1, 2)) for arm in sources if arm.ranges == {})
+    for arm in transfers:
+        cells = arm.some_cells()
+        networks = 2 if arm.key.kind == "learned" else 1
+        assert len(cells) % (3 * networks) == 0
+        assert arm.width == 3 * networks
+        assert len({cell.id for cell in cells}) == len(cells)
+        assert all(arm.owns(cell) for cell in cells)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["demo", "smoke-table1", *CUSTOM])
+def test_crossed_source_networks_go_from_forecast_to_replay(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = crossed(narrow(miniature(loaded(name, tmp_path)), seeds=2))
+    results = from_forecast_to_replay(small, tmp_path, monkeypatch)
+    found = find(results)
+    learned = [group for group in found.best if group.source == "learned"]
+    assert learned
+    assert {(group.networks, len(group.seeds), group.pick) for group in learned} == {(2, 2, "each")}
+    assert found.cells["source_seed"].dropna().unique().tolist() == [0, 7]

@@ -73,7 +73,9 @@ _RULES = {
 def from_validation(where: str, error: ValidationError) -> InputError:
     """Return pydantic's report as one sentence: the first wrong field, what is allowed, what was given."""
     first = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in first["loc"] if part not in _UNION_MEMBERS)
+    place = ".".join(
+        str(part) for part in first["loc"] if part not in _UNION_MEMBERS and not str(part).startswith("literal[")
+    )
     subject = f"{where}: {place}" if place else where
     if first["type"] == "extra_forbidden":
         return InputError(f"{subject} is not a known key")

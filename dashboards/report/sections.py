@@ -111,6 +111,9 @@ def _table_lead(findings: Findings) -> str:
     text += "paired by seed. AUC is the mean of the greedy evaluation curve."
     if any(selected.tried > 1 for selected in findings.selected.values()):
         text += " Where several were tried, the best was selected on the seeds that also evaluate it: a small bias."
+    if any(group.networks > 1 for group in findings.groups):
+        text += " A seed that is crossed with several source networks counts once, with their mean: intervals are over "
+        text += "seeds, for the networks of this sweep."
     text += f" All with {settings_text(findings.common)}." if findings.common else ""
     ours = [group for group in findings.best if paper_row(group)]
     if ours and not any(same_row(group) for group in ours):

@@ -69,7 +69,10 @@ def table_1(findings: Findings, groups: Sequence[Group], name: str, caption: str
 
 def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
     short = group.failed + group.missing + group.stopped
-    seeds = f"{len(group.seeds)} of {len(group.seeds) + short}" if short else f"{len(group.seeds)}"
+    seeds = f"{len(group.seeds)}" + (f" × {group.networks} sources" if group.networks > 1 else "")
+    seeds += (
+        f", {short} cells short" if short and group.networks > 1 else f" of {len(group.seeds) + short}" if short else ""
+    )
     seeds += f"; {group.nothing}" if group.nothing else ""
     return (
         Datum(group.task, group.task),

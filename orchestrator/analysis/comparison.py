@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from orchestrator.analysis import statistics
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
+from orchestrator.analysis.per_seed import per_seed
 from orchestrator.analysis.statistics import Estimate
 
 
@@ -71,7 +72,7 @@ def _row(mine: Group, theirs: Group, first: Findings, second: Findings) -> Row:
 
 def _aucs(findings: Findings, group: Group) -> dict[int, float]:
     cells = findings.cells
-    done = cells[(cells["group"] == group.id) & (cells["status"] == "done")]
+    done = per_seed(cells[cells["group"] == group.id])
     return {int(seed): float(auc) for seed, auc in zip(done["seed"], done["auc"], strict=True)}
 
 

@@ -26,13 +26,17 @@ def curve_bands(
 ) -> dict[tuple[str, str], pd.DataFrame]:
     """Return (episode, mean, low, high) over the done seeds of each (group, column), with Student's t intervals.
 
+    A seed's curve is the mean over its source networks.
+
     One pass over the points computes all. The table is empty where a group's points lack the column.
     """
     there = [column for column in columns if column in points]
     if not groups or not there:
         return {(group, column): NO_CURVE for group in groups for column in columns}
-    chosen = cells.loc[cells["group"].isin(groups) & (cells["status"] == "done"), ["cell_id", "group"]]
+    chosen = cells.loc[cells["group"].isin(groups) & (cells["status"] == "done"), ["cell_id", "group", "seed"]]
     joined = points[["cell_id", "episode", *there]].merge(chosen, on="cell_id")
+    if chosen.duplicated(["group", "seed"]).any():  # source networks: their mean is a seed's curve
+        joined = joined.groupby(["group", "seed", "episode"], as_index=False)[there].mean()
     table = joined.groupby(["group", "episode"])[there].agg(["mean", "std", "count"])
     known = set(chosen["group"])
     return {

@@ -11,6 +11,7 @@ import pandas as pd
 
 from orchestrator.analysis.learning import nothing_in
 from orchestrator.analysis.metrics import DIFFERENCE, METRICS, TRANSFER_RATIO, Seeds
+from orchestrator.analysis.per_seed import networks, per_seed
 from orchestrator.analysis.statistics import Estimate, TransferRatio
 from orchestrator.planning.arms import Key
 from trainables.agents.registry import agent_named
@@ -53,7 +54,7 @@ class Group:
     source_task: str | None
     hyperparameters: Values
     seeds: tuple[int, ...]
-    """Seeds that are done."""
+    """Seeds that are done; of several source networks, with all of them."""
     failed: int
     stopped: int
     """Cells that a scheduler has stopped early; their curves are shorter, so their AUC is compared with no other."""
@@ -65,7 +66,9 @@ class Group:
     nothing: str | None = None
     """A sentence if an agent without transfer learned nothing, else None."""
     pick: str = ""
-    """Which source's knowledge a seed got (own_seed, best_evaluated or a seed); empty where that is not known."""
+    """Which source's knowledge a seed got (own_seed, best_evaluated, each or a seed); empty where that is not known."""
+    networks: int = 1
+    """Source networks that every seed is crossed with (pick: each); its numbers are means over them."""
     source_label: str = ""
     """`source`, with source task and pick where the sweep has several sources for the task and agent."""
 
@@ -127,7 +130,7 @@ def _base_key(row: pd.Series, agent: str | None = None) -> tuple[str, str, str]:
 
 def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], pd.DataFrame]) -> Group:
     first = frame.iloc[0]
-    done = frame[frame["status"] == "done"]
+    done = per_seed(frame)
     base = agent_named(str(first["agent"])).base
     without = bases.get(_base_key(first, base)) if base else None
     paired = _paired(done, without)
@@ -149,6 +152,7 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         against_base=_comparison(estimates, paired),
         nothing=nothing_in(done) if first["source"] == "none" else None,
         pick=_text(first, "pick"),
+        networks=networks(frame),
     )
 
 
@@ -162,7 +166,7 @@ def _paired(done: pd.DataFrame, without: pd.DataFrame | None) -> pd.DataFrame | 
     """Return the done cells beside those of the agent without transfer at the same seeds; None where there are none."""
     if without is None:
         return None
-    both = done.merge(without[without["status"] == "done"], on="seed", suffixes=("", "_base")).sort_values("seed")
+    both = done.merge(per_seed(without), on="seed", suffixes=("", "_base")).sort_values("seed")
     return None if both.empty else both
 
 

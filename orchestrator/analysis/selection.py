@@ -9,6 +9,7 @@ import pandas as pd
 
 from orchestrator.analysis import statistics
 from orchestrator.analysis.groups import Group
+from orchestrator.analysis.per_seed import per_seed
 from orchestrator.planning.arms import Key
 
 RULE = (
@@ -50,7 +51,7 @@ def _score(group: Group) -> float:
 
 
 def _tied(group: Group, best: Group, cells: pd.DataFrame) -> bool:
-    aucs = {key: cells[cells["group"] == key].set_index("seed")["auc"] for key in (group.id, best.id)}
+    aucs = {key: per_seed(cells[cells["group"] == key]).set_index("seed")["auc"] for key in (group.id, best.id)}
     seeds = sorted(set(group.seeds) & set(best.seeds))
     gap = statistics.difference([aucs[best.id][s] for s in seeds], [aucs[group.id][s] for s in seeds])
     return gap.low is None or gap.low <= 0

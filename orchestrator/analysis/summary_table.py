@@ -26,7 +26,8 @@ COLUMNS = (
 def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
     """Return a group's row of the table, under COLUMNS, without the hyperparameters in `hide`."""
     own = varied(group.agent, group.task, group.hyperparameters)
-    seeds = f"{len(group.seeds)}" + (f", {group.failed} failed" if group.failed else "")
+    seeds = f"{len(group.seeds)}" + (f" x {group.networks} sources" if group.networks > 1 else "")
+    seeds += f", {group.failed} failed" if group.failed else ""
     seeds += f", {group.stopped} stopped early" if group.stopped else ""
     seeds += f", {group.missing} missing" if group.missing else ""
     seeds += f"; {group.nothing}" if group.nothing else ""
@@ -48,6 +49,7 @@ def numbers(group: Group) -> dict[str, Any]:
         "source": group.source,
         "source_task": group.source_task,
         "pick": group.pick or None,
+        "source_networks": group.networks if group.source == "learned" else None,
         "settings": settings_text(varied(group.agent, group.task, group.hyperparameters)),
         "hyperparameters": json.dumps(dict(group.hyperparameters), sort_keys=True),
         "seeds_done": len(group.seeds),

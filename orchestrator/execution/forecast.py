@@ -116,7 +116,7 @@ def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, 
     missing = [cell for cell in cells if not ledger.ended(cell, keep)]
     count, done = len(cells), len(cells) - len(missing)
     for arm in (arm for arm in sound if arm.ranges):
-        asked, found = space.search.budget * len(arm.seeds), len(ledger.searched(arm))
+        asked, found = space.search.budget * arm.width, len(ledger.searched(arm))
         count, done = count + asked, done + min(found, asked)
         missing += arm.cells(arm.first())[:1] * max(asked - found, 0)
     low, high = costs.of(missing)

@@ -68,7 +68,7 @@ class Stages:
         ledger = self._ledger
         tuned = [arm for arm in work.arms if arm.ranges]
         searches = [self._search(arm) for arm in tuned]
-        total = len(work.missing) + sum(search.left * len(search.arm.seeds) for search in searches)
+        total = len(work.missing) + sum(search.left * search.arm.width for search in searches)
         if not total:
             return
         sources = self._sources([*work.missing, *(cell for arm in tuned for cell in arm.cells(arm.first()))])

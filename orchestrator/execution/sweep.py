@@ -81,7 +81,7 @@ class _Sweep:
         choices = settle(sources, self._settings.pretrained, lambda arm: untrained(arm, PLACEHOLDER_STEPS))
         arms = transfer_arms(self._space, choices, self._settings.params)
         cells = {cell.id: cell for arm in arms for cell in arm.all_cells()}.values()
-        searched = sum(self._space.search.budget * len(arm.seeds) for arm in arms if arm.ranges)
+        searched = sum(self._space.search.budget * arm.width for arm in arms if arm.ranges)
         return searched + sum(not self._ledger.ended(cell) for cell in cells)
 
     def train_sources(self) -> list[Choices]:

@@ -93,6 +93,7 @@ def _entry(selected: Selected) -> dict[str, Any]:
         "hyperparameters": dict(group.hyperparameters),
         **{metric.key: _estimate(group.estimates.get(metric.key)) for metric in shown("best")},
         "seeds": list(group.seeds),
+        **({"source_networks": group.networks} if group.networks > 1 else {}),
         "configurations": selected.tried,
         "configurations_left_out": selected.left_out,
         "ties": [dict(tie.hyperparameters) for tie in selected.ties],

@@ -9,11 +9,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from search_spaces.domains import Range
+from search_spaces.source_space import default_pick
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell, Source, content_id
 from trainables.tasks.registry import parse_task
 
 Values = dict[str, Any]
+
+Sources = tuple[Source, ...]
+"""What one cell knows: one source, or several for an agent that chooses among them."""
+
+UNAIDED: tuple[Sources, ...] = ((),)
+"""What a seed of an agent without transfer is crossed with."""
 
 
 class Key(NamedTuple):
@@ -49,11 +56,6 @@ class Label(NamedTuple):
 PLAIN = Label()
 
 
-def default_pick(task: str) -> str:
-    """Return the pick of a source task for which the search space names none."""
-    return "own_seed" if parse_task(task).tabular else "best_evaluated"
-
-
 def configuration_id(cell: Cell, label: Label) -> str:
     """Return the id that the cells of a configuration share; a cell of two arms belongs to a configuration of each."""
     usual = ("", default_pick(cell.sources[0].task) if cell.sources else "")
@@ -72,8 +74,9 @@ class Arm:
     grid: tuple[Values, ...] = ({},)
     """Configurations to try; with ranges, the values that complete each draw."""
     ranges: Mapping[str, Range] = field(default_factory=dict)
-    sources: Mapping[int, tuple[Source, ...]] = field(default_factory=dict)
-    """Seed to sources; empty for an agent without transfer."""
+    sources: Mapping[int, tuple[Sources, ...]] = field(default_factory=dict)
+    """Seed to the sources of each of its cells: one cell, or one for every source network that the seed is crossed
+    with (pick: each). Empty for an agent without transfer."""
     pick: str = ""
     """Which source's knowledge a seed gets; empty without a learned source."""
     baseline_for: str = ""
@@ -86,7 +89,7 @@ class Arm:
         """(task, agent, source task, kind, pick)."""
         if not self.sources:
             return Key(self.task, self.agent, self.baseline_for)
-        first = next(iter(self.sources.values()))[0]
+        first = next(iter(self.sources.values()))[0][0]
         return Key(self.task, self.agent, first.task, first.kind, self.pick)
 
     @property
@@ -98,7 +101,10 @@ class Arm:
     def content(self) -> str:
         """A hash of everything that the arm would train; arms with the same hash are the same."""
         ranges = {name: option.model_dump() for name, option in self.ranges.items()}
-        sources = {str(seed): [source.model_dump() for source in row] for seed, row in self.sources.items()}
+        sources = {
+            str(seed): [[source.model_dump() for source in one] for one in crossed]
+            for seed, crossed in self.sources.items()
+        }
         return content_id([self.agent, self.task, list(self.seeds), list(self.grid), ranges, sources, self.pick])
 
     @property
@@ -111,7 +117,7 @@ class Arm:
         return (
             (cell.task, cell.agent) == (self.task, self.agent)
             and cell.seed in self.seeds
-            and cell.sources == self.sources.get(cell.seed, ())
+            and cell.sources in self.sources.get(cell.seed, UNAIDED)
             and self._fixed(cell.hyperparameters) in self._configurations
             and all(_inside(option, cell.hyperparameters[name]) for name, option in self.ranges.items())
         )
@@ -121,8 +127,17 @@ class Arm:
         return self.grid[0] | {name: option.ends()[0] for name, option in self.ranges.items()}
 
     def cells(self, values: Values) -> list[Cell]:
-        """Return one cell per seed with these hyperparameters."""
-        return [Cell.create(self.agent, self.task, seed, values, self.sources.get(seed, ())) for seed in self.seeds]
+        """Return the cells of a configuration: one per seed, or per seed and source network."""
+        return [
+            Cell.create(self.agent, self.task, seed, values, sources)
+            for seed in self.seeds
+            for sources in self.sources.get(seed, UNAIDED)
+        ]
+
+    @property
+    def width(self) -> int:
+        """How many cells a configuration has."""
+        return sum(len(self.sources.get(seed, UNAIDED)) for seed in self.seeds)
 
     def all_cells(self) -> list[Cell]:
         """Return the cells of the whole grid; none for an arm with ranges, whose cells the search creates."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 
-from orchestrator.planning.arms import Key, Params, default_pick, entry_of
+from orchestrator.planning.arms import Key, Params, entry_of
 from search_spaces.search_space import SearchSpace
 from trainables.agents.registry import agent_named
 from trainables.errors import InputError
@@ -35,11 +35,10 @@ def keys(space: SearchSpace) -> Iterator[Key]:
     for scenario in space.scenarios:
         source = scenario.source
         first = parse_task(source.task).name
-        pick = str(source.pick if source.pick is not None else default_pick(first))
         for target, agent in itertools.product(scenario.targets, space.agents):
             task = parse_task(target).name
             for kind in source.kinds if agent_named(agent).needs_source else ("none",):
-                yield Key(task, agent, first, kind, pick if kind == "learned" else "")
+                yield Key(task, agent, first, kind, source.whose if kind == "learned" else "")
 
 
 def _named(entries: Iterable[Key]) -> str:

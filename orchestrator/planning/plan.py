@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
-from orchestrator.planning.arms import Arm, Params, Values, default_pick, distinct, entry_of
+from orchestrator.planning.arms import Arm, Params, Sources, Values, distinct, entry_of
 from orchestrator.planning.source_choice import Choices, SourceChoice, SourceRun
 from search_spaces.domains import Grid, Range
-from search_spaces.search_space import Scenario, SearchSpace, SourceSpace
+from search_spaces.search_space import SearchSpace
+from search_spaces.source_space import Scenario, SourceSpace
 from trainables.agents.registry import agent_named
 from trainables.cell import Source
 from trainables.errors import InputError
@@ -36,7 +37,7 @@ def _sources_of(space: SearchSpace, source: SourceSpace, params: Params) -> list
     if not source.hyperparameters and not learned:
         return []
     tasks = source.tasks if learned else source.tasks[:1]
-    arms = [Arm(source.agent, parse_task(task).name, space.seeds) for task in tasks]
+    arms = [Arm(source.agent, parse_task(task).name, source.trained(space.seeds)) for task in tasks]
     return [_configured(arm, space, source.hyperparameters, {}, params) for arm in arms]
 
 
@@ -65,9 +66,8 @@ def _transfer(
     if kind == "none":
         arm = Arm(agent, target, space.seeds, baseline_for=first, lost=lost)
     else:
-        pick = str(source.pick if source.pick is not None else default_pick(first)) if kind == "learned" else ""
-        columns = [_column(task, kind, pick, choices, space.seeds) for task in tasks]
-        sources = {seed: tuple(column[seed] for column in columns) for seed in space.seeds}
+        pick = source.whose if kind == "learned" else ""
+        sources = _sources(tasks, kind, pick, choices, space.seeds, source.trained(space.seeds))
         arm = Arm(agent, target, space.seeds, sources=sources, pick=pick, lost=lost)
     return _configured(arm, space, space.agents[agent], of_first.values, params)
 
@@ -89,22 +89,51 @@ def _configured(
     return replace(arm, grid=grid, ranges=ranges)
 
 
-def _column(name: str, kind: str, pick: str, choices: Choices, seeds: Sequence[int]) -> dict[int, Source]:
-    """Return seed to the source from the task `name`."""
+def _sources(
+    tasks: Sequence[str], kind: str, pick: str, choices: Choices, seeds: Sequence[int], trained: Sequence[int]
+) -> dict[int, tuple[Sources, ...]]:
+    """Return seed to the sources of each of its cells. trained: the seeds of stage 1, which must all be there."""
+    picks, own = [pick], trained
+    if pick == "each":
+        picks, own = _networks(tasks, choices), ()
+    crossed = [[_column(task, kind, one, choices, seeds, own) for task in tasks] for one in picks]
+    return {seed: tuple(tuple(column[seed] for column in columns) for columns in crossed) for seed in seeds}
+
+
+def _networks(tasks: Sequence[str], choices: Choices) -> list[str]:
+    """Return the source seeds that differ in what they know; a pretrained source may serve several seeds."""
+    runs = [choices.get(task, NOTHING).runs for task in tasks]
+    shared = [seed for seed in runs[0] if all(seed in others for others in runs)]
+    if not shared:
+        raise InputError(f"the source {tasks[0]} has no trained cell for seed 0")
+    first = {tuple(one[seed].cell.id for one in runs): str(seed) for seed in reversed(shared)}
+    return list(reversed(first.values()))
+
+
+def _column(
+    name: str, kind: str, pick: str, choices: Choices, seeds: Sequence[int], own: Sequence[int]
+) -> dict[int, Source]:
+    """Return seed to what is known of the source task `name`.
+
+    own: the seeds whose T, the steps of C (eq. 6), is that of their own source run; else it is the source network's.
+    """
     task = parse_task(name)
     if kind == "exact":
         return {seed: Source(task=task.name, kind="exact") for seed in seeds}
     choice = choices.get(name, NOTHING)
-    missing = [seed for seed in seeds if seed not in choice.runs]
+    needed = [seed for seed in seeds if pick == "own_seed" or seed in own]
+    needed += [int(pick)] if pick.isdigit() else []
+    missing = [seed for seed in needed if seed not in choice.runs]
     if missing:
         raise InputError(f"the source {task.name} has no trained cell for seed {missing[0]}")
     if pick == "own_seed":
         return {seed: _learned(task, choice.runs[seed], "last", choice.runs[seed]) for seed in seeds}
     model = choice.runs[choice.best_seed() if pick == "best_evaluated" else int(pick)]
-    return {seed: _learned(task, model, "last" if task.tabular else "best", choice.runs[seed]) for seed in seeds}
+    checkpoint: Literal["last", "best"] = "last" if task.tabular else "best"
+    return {seed: _learned(task, model, checkpoint, choice.runs[seed] if seed in own else model) for seed in seeds}
 
 
-def _learned(task: Task, model: SourceRun, checkpoint: Literal["last", "best"], same_seed: SourceRun) -> Source:
-    """Return the knowledge of `model`; T, the steps of C (eq. 6), is that of the source run with the target's seed."""
-    steps = None if task.tabular else same_seed.steps
+def _learned(task: Task, model: SourceRun, checkpoint: Literal["last", "best"], timed: SourceRun) -> Source:
+    """Return the knowledge of `model`; T, the steps of C (eq. 6), is that of the source run `timed`."""
+    steps = None if task.tabular else timed.steps
     return Source(task=task.name, kind="learned", cell_id=model.cell.id, checkpoint=checkpoint, steps=steps)

@@ -208,13 +208,15 @@ class Results:
 
     def rows(self) -> list[dict[str, Any]]:
         """The rows of the cells table: one per planned cell, and per arm for a cell of several."""
-        labels, heads = self.labels(), self.heads()
+        labels, heads, plan = self.labels(), self.heads(), self.plan()
+        seeds = {cell.id: cell.seed for cells in plan.values() for cell in cells}
         found: dict[tuple[str, Label], dict[str, Any]] = {}
-        for stage, cells in self.plan().items():
+        for stage, cells in plan.items():
             for cell in cells:
                 for label in labels.get(stage, {}).get(cell.id, [PLAIN]):
                     if (cell.id, label) not in found:
-                        found[cell.id, label] = cell_row(stage, cell, heads.get(cell.id), label)
+                        row = cell_row(stage, cell, heads.get(cell.id), label)
+                        found[cell.id, label] = row | {"source_seed": seeds.get(row["source_cell"])}
         return list(found.values())
 
     def ended(self, plan: Plan | None = None) -> Iterator[tuple[str, Cell, Head | None]]:

@@ -90,7 +90,7 @@ def sweep(
         time_limit=time_limit,
         resources=Resources(cpus_per_cell, gpus_per_cell, memory_per_cell),
         params=settled,
-        pretrained=pretrained.runs(sources, chosen.seeds),
+        pretrained=pretrained.runs(sources, chosen.every_seed),
     )
     if local:
         _check_local(how)

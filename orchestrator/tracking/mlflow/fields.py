@@ -49,6 +49,7 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     """Return (metrics, tags) of an aggregate; an undefined number is a tag, never a metric."""
     counts = {"failed": group.failed, "stopped": group.stopped, "missing": group.missing}
     metrics: dict[str, float] = {"seeds": len(group.seeds), **counts}
+    metrics |= {"source_networks": group.networks} if group.networks > 1 else {}
     tags = {"agent": group.agent, "task": group.task, "source": group.source, "stage": group.stage}
     tags |= {"source_task": group.source_task} if group.source_task else {}
     tags |= {"pick": group.pick} if group.pick else {}

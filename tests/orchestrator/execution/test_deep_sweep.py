@@ -96,8 +96,8 @@ def test_the_pick_decides_whose_knowledge_advises(pick: Any, models: tuple[int, 
     runs = {cell.seed: SourceRun(cell, best_return=200.0, auc=100.0 + cell.seed, steps=10) for cell in cells}
     transfers = transfer_arms(space, [{"cartpole": SourceChoice(arm.grid[0], runs)}], {})
     sources = next(arm.sources for arm in transfers if arm.agent == "es")
-    assert [sources[seed][0].cell_id for seed in (0, 1)] == [cells[model].id for model in models]
-    assert sources[0][0].checkpoint == ("last" if pick == "own_seed" else "best")
+    assert [sources[seed][0][0].cell_id for seed in (0, 1)] == [cells[model].id for model in models]
+    assert sources[0][0][0].checkpoint == ("last" if pick == "own_seed" else "best")
 
 
 def test_a_seed_that_is_not_there_cannot_be_picked() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from orchestrator.planning.arms import Arm, Key, Label, configuration_id, distinct, labels_of
-from orchestrator.planning.params import check_params
+from orchestrator.planning.params import check_params, keys
 from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import Choices, SourceChoice, SourceRun, settle, untrained
 from search_spaces.loading import parse
@@ -69,7 +69,7 @@ def test_one_source_with_two_picks_is_two_arms() -> None:
         ("learned", "best_evaluated"),
     ]
     own, best = arms[0], arms[2]
-    assert best.sources[0][0].cell_id == best.sources[1][0].cell_id == own.sources[1][0].cell_id
+    assert best.sources[0][0][0].cell_id == best.sources[1][0][0].cell_id == own.sources[1][0][0].cell_id
     # seed 1 gets its own seed's knowledge either way: its cell is of both arms
     (shared,) = {cell.id for cell in own.all_cells()} & {cell.id for cell in best.all_cells()}
     labels = labels_of(arms, [cell for arm in arms for cell in arm.all_cells()])
@@ -154,3 +154,61 @@ def test_the_tasks_of_a_library_are_trained_where_something_is_learned() -> None
     )
     assert [list(arms) for arms in learned] == [[ORIGIN, SMALL]]
     assert [list(arms) for arms in exact] == [[ORIGIN]]
+
+
+def test_each_crosses_every_source_network_with_every_seed() -> None:
+    asked = space(scenario(ORIGIN, pick="each", seeds=3), agents=AGENTS | {"policy_reuse": {}})
+    base, gate, _ = arms = transfers(asked, {ORIGIN: 0.5})
+    assert gate.key == Key(REVERSED, "delta_gate", ORIGIN, "learned", "each")
+    cells = gate.all_cells()
+    assert [cell.seed for cell in cells] == [0, 0, 0, 1, 1, 1]
+    networks = [cell.sources[0].cell_id for cell in cells]
+    assert networks[:3] == networks[3:]
+    assert len(set(networks)) == 3
+    assert gate.width == len(cells) == len({cell.id for cell in cells})
+    assert all(gate.owns(cell) for cell in cells)
+    assert base.width == 2
+    sources = source_arms(asked, {})[0][ORIGIN]
+    assert sources.seeds == (0, 1, 2)
+    labels = labels_of(arms, cells)
+    assert set(map(tuple, labels.values())) == {(Label("each"),)}
+    assert len({configuration_id(cell, Label("each")) for cell in cells}) == 1
+    assert gate.key in set(keys(asked))
+
+
+def test_each_of_a_library_takes_a_source_seed_of_every_task_together() -> None:
+    asked = space(scenario(ORIGIN, pick="each", library=[SMALL]), agents={"delta_select": {}})
+    (arm,) = transfers(asked, {ORIGIN: 0.5, SMALL: 0.5})
+    assert arm.width == 4
+    tasks = [[source.task for source in cell.sources] for cell in arm.all_cells()]
+    assert tasks == [[ORIGIN, SMALL]] * 4
+
+
+def test_a_pretrained_source_that_serves_every_seed_is_one_network() -> None:
+    asked = space(scenario(ORIGIN, pick="each"))
+    arms = source_arms(asked, {})
+    one = chosen(arms[0][ORIGIN], 0.5).runs[0]
+    choices = settle(arms, {ORIGIN: {0: one, 1: one}}, lambda arm: chosen(arm, 0.5))
+    assert [arm.width for arm in transfer_arms(asked, choices, {})] == [2, 2]
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ({"pick": 7}, r"source\.pick must be one of the seeds \(got 7\)"),
+        ({"seeds": [0], "pick": 1}, r"source\.pick must be one of the seeds \(got 1\)"),
+        ({"seeds": [0, 5]}, r"source\.seeds lacks 1"),
+        ({"seeds": [0, 0], "pick": "each"}, r"source\.seeds: 0 is given twice"),
+        ({"pick": "every"}, r"source\.pick must be 'own_seed', 'best_evaluated' or 'each' \(got 'every'\)"),
+    ],
+)
+def test_source_seeds_that_a_target_seed_cannot_get_are_refused(source: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        space(scenario(ORIGIN, **source))
+
+
+def test_other_source_seeds_serve_all_targets_with_the_best_of_them() -> None:
+    asked = space(scenario(ORIGIN, pick="best_evaluated", seeds=[5, 9]))
+    gate = next(arm for arm in transfers(asked, {ORIGIN: 0.5}) if arm.sources)
+    assert gate.seeds == (0, 1)
+    assert len({cell.sources for cell in gate.all_cells()}) == 1

@@ -80,7 +80,7 @@ def test_optuna_asks_within_the_ranges_until_the_budget_is_spent_and_goes_on_fro
 
 
 def test_a_grid_beside_ranges_is_a_choice() -> None:
-    sources = {0: (Source(task="windy_gridworld", kind="exact"),)}
+    sources = {0: ((Source(task="windy_gridworld", kind="exact"),),)}
     grid = ({"threshold": 1.0}, {"threshold": 2.0})
     arm = Arm("delta_gate", "windy_gridworld", (0,), grid, {"gamma": RANGES["gamma"]}, sources)
     tuned = Tuned(arm, Search(method="optuna", budget=8), [], score)
@@ -108,6 +108,6 @@ def test_the_ends_of_a_range_are_in_it(option: Range) -> None:
 
 
 def test_a_word_is_in_no_range() -> None:
-    sources = {0: (Source(task="windy_gridworld:wind=small", kind="exact"),)}
+    sources = {0: ((Source(task="windy_gridworld:wind=small", kind="exact"),),)}
     arm = Arm("delta_gate", "windy_gridworld", (0,), ranges={"threshold": Range(low=1, high=20)}, sources=sources)
     assert [arm.owns(arm.cells({"threshold": value})[0]) for value in ("auto", 0.5, 10.0)] == [False, False, True]
