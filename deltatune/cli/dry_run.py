@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 
 from deltatune.cli.app import err, out, print_json, print_named
 from deltatune.cli.sheet import table
@@ -15,10 +16,10 @@ from search_spaces.search_space import SearchSpace
 from trainables.plugins.names import short
 
 
-def say_forecast(space: SearchSpace, settings: Settings, results: Results, as_json: bool) -> None:
+def print_forecast(space: SearchSpace, settings: Settings, folder: Path, as_json: bool) -> None:
     """Print what a sweep with these settings would run and cost. Writes nothing."""
     with err.status("measuring"):
-        found = forecast(space, settings, results, settings.workers or local_cpus())
+        found = forecast(space, settings, Results(folder), settings.workers or local_cpus())
     low, high = found.wall
     if as_json:
         print_json(asdict(found) | {"seconds": [low, high]})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,6 +14,12 @@ MAX_CPUS, MAX_GIB = 10_000.0, 1_000_000.0
 
 WHAT, HOW, CELL, RECORD = "What to run", "Where and how it runs", "What a cell gets", "Where results go"
 """Groups in the help."""
+
+
+def _number(group: str, metavar: str, low: float, high: float, text: str) -> Any:
+    """Return an option that takes a number in [low, high]."""
+    return typer.Option(min=low, max=high, metavar=metavar, help=text, rich_help_panel=group)
+
 
 Space = Annotated[
     str, typer.Argument(metavar="SPACE", help="A built-in search space (see 'deltatune spaces') or a YAML file.")
@@ -74,58 +80,13 @@ Local = Annotated[
         "--local", help="Run without Ray: in this process, or in --workers processes beside it.", rich_help_panel=HOW
     ),
 ]
-CheckpointEvery = Annotated[
-    float,
-    typer.Option(
-        min=0,
-        max=MAX_SECONDS,
-        metavar="SECONDS",
-        help="Time between checkpoints of a long cell.",
-        rich_help_panel=HOW,
-    ),
-]
+CheckpointEvery = Annotated[float, _number(HOW, "SECONDS", 0, MAX_SECONDS, "Time between checkpoints of a long cell.")]
 
 # --- what a cell gets
-TimeLimit = Annotated[
-    float | None,
-    typer.Option(
-        min=0.1,
-        max=MAX_SECONDS,
-        metavar="SECONDS",
-        help="Time after which a cell fails.",
-        rich_help_panel=CELL,
-    ),
-]
-Cpus = Annotated[
-    float,
-    typer.Option(
-        min=0.01,
-        max=MAX_CPUS,
-        metavar="N",
-        help="CPUs of a cell; a fraction shares one.",
-        rich_help_panel=CELL,
-    ),
-]
-Gpus = Annotated[
-    float,
-    typer.Option(
-        min=0,
-        max=MAX_CPUS,
-        metavar="N",
-        help="GPUs of a cell; a fraction shares one.",
-        rich_help_panel=CELL,
-    ),
-]
-Memory = Annotated[
-    float,
-    typer.Option(
-        min=0,
-        max=MAX_GIB,
-        metavar="GIB",
-        help="Memory reserved for a cell, in GiB.",
-        rich_help_panel=CELL,
-    ),
-]
+TimeLimit = Annotated[float | None, _number(CELL, "SECONDS", 0.1, MAX_SECONDS, "Time after which a cell fails.")]
+Cpus = Annotated[float, _number(CELL, "N", 0.01, MAX_CPUS, "CPUs of a cell; a fraction shares one.")]
+Gpus = Annotated[float, _number(CELL, "N", 0, MAX_CPUS, "GPUs of a cell; a fraction shares one.")]
+Memory = Annotated[float, _number(CELL, "GIB", 0, MAX_GIB, "Memory reserved for a cell, in GiB.")]
 
 # --- where results go
 NewName = Annotated[

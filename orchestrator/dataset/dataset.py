@@ -12,9 +12,9 @@ import pandas as pd
 from orchestrator.dataset.rows import record_of
 from orchestrator.results import checked_json
 from orchestrator.results.lock import locked
-from orchestrator.results.parquet import read_table
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
+from orchestrator.results.tables.parquet import read_table
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError, unknown

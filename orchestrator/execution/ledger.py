@@ -13,7 +13,8 @@ from orchestrator.planning.source_choice import SourceRun
 from orchestrator.results.checked_json import DamagedError
 from orchestrator.results.provenance import commit, versions
 from orchestrator.results.records.record import Record
-from orchestrator.results.sweep_folder import Labels, Plan, Results, cell_row
+from orchestrator.results.sweep_folder import Labels, Plan, Results
+from orchestrator.results.tables.cell_row import cell_row
 from orchestrator.sources.library import SourceLibrary
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell

@@ -42,7 +42,7 @@ def run_held(
     started = clock.monotonic()
     with ExitStack() as stack:
         ledger, tally = Ledger(results, settings.retry_failed), RunSummary()
-        for damage in (*results.mended, *ledger.damage):
+        for damage in (*results.repaired, *ledger.damage):
             console.print(f"{damage}: the cells concerned run again", style="yellow", soft_wrap=True)
         sweep = _Sweep(
             results, settings, ledger, tally, Stages(results, settings, ledger, tally, console, on_record, stack)

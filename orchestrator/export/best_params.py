@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import shown
 from orchestrator.analysis.selection import RULE, Selected
 from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
@@ -82,14 +83,21 @@ def _incomplete(key: Key) -> list[str]:
     return [key.task, key.agent, key.kind, key.source_task, key.pick]
 
 
-def _entry(selected: Selected) -> dict[str, Any]:
-    group = selected.best
+def arm_entry(group: Group) -> dict[str, Any]:
+    """Return the arm of a configuration as plain data: task, agent, source, source task, pick."""
     return {
         "task": group.task,
         "agent": group.agent,
         "source": group.source,
         "source_task": group.source_task,
         "pick": group.pick or None,
+    }
+
+
+def _entry(selected: Selected) -> dict[str, Any]:
+    group = selected.best
+    return {
+        **arm_entry(group),
         "hyperparameters": dict(group.hyperparameters),
         **{metric.key: _estimate(group.estimates.get(metric.key)) for metric in shown("best")},
         "seeds": list(group.seeds),

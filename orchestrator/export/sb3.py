@@ -8,6 +8,7 @@ from typing import Any
 
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
+from orchestrator.export.best_params import arm_entry
 from trainables.agents.builtin.dqn import DQN
 from trainables.agents.registry import agent_named
 
@@ -58,11 +59,7 @@ def _is_dqn(group: Group) -> bool:
 
 def _entry(group: Group, steps: float | None) -> dict[str, Any]:
     return {
-        "task": group.task,
-        "agent": group.agent,
-        "source": group.source,
-        "source_task": group.source_task,
-        "pick": group.pick or None,
+        **arm_entry(group),
         "kwargs": _arguments(group.hyperparameters, steps),
         "total_timesteps": round(steps) if steps is not None else None,
         "without_counterpart": _lost(group.hyperparameters),

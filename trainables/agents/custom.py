@@ -43,18 +43,10 @@ def _agent(name: str, thing: Any) -> Agent:
 
     if name in _AGENTS:
         return _AGENTS[name]
-    if callable(thing) and not isinstance(thing, type):
-        try:
-            thing = thing()
-        except Exception as error:
-            raise InputError(f"{name} is not an agent: calling it failed ({loader.describe_error(error)})") from None
-    if not isinstance(thing, Agent):
-        raise InputError(
-            f"{names.short(name)} is not an agent (it is {names.described(thing)}): make one with deltatune.agent"
-        )
+    made = loader.instance(name, thing, Agent, "an agent")
     code, _, _ = name.partition(":")
     short = code.partition("@")[0]
-    base = thing.base
+    base = made.base
     if base is not None and names.by_file(name) and base.startswith(f"{short}:"):
         base = f"{code}:{base.partition(':')[2]}"  # another agent of the same file
-    return _AGENTS.setdefault(name, replace(thing, name=name, base=base, origin="custom"))
+    return _AGENTS.setdefault(name, replace(made, name=name, base=base, origin="custom"))

@@ -15,12 +15,14 @@ import types
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from trainables.errors import InputError
-from trainables.plugins.names import FileName, by_file, file_name
+from trainables.plugins.names import FileName, by_file, described, file_name, short
 from trainables.storage.files import read_file
 from trainables.storage.paths import is_file
+
+Made = TypeVar("Made")
 
 MAX_BYTES = 10 * 2**20
 """Size of a file of custom code."""
@@ -100,6 +102,19 @@ def attribute(name: FileName) -> Any:
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise InputError(f"{name.path.name} has no '{name.attribute}'{hint}")
     return getattr(loaded.module, name.attribute)
+
+
+def instance(name: str, thing: Any, kind: type[Made], word: str) -> Made:
+    """Return `thing`, or the result of calling it. Raises InputError unless that is a `kind`, named `word`."""
+    if callable(thing) and not isinstance(thing, (type, kind)):
+        try:
+            thing = thing()
+        except Exception as error:
+            raise InputError(f"{name} is not {word}: calling it failed ({describe_error(error)})") from None
+    if not isinstance(thing, kind):
+        maker = word.split()[-1]
+        raise InputError(f"{short(name)} is not {word} (it is {described(thing)}): make one with deltatune.{maker}")
+    return thing
 
 
 def packed() -> dict[str, bytes]:

@@ -42,14 +42,6 @@ _FAMILIES: dict[str, TaskFamily] = {}
 def _family(name: str, thing: Any) -> TaskFamily:
     if name in _FAMILIES:
         return _FAMILIES[name]
-    if callable(thing) and not isinstance(thing, type | TaskFamily):
-        try:
-            thing = thing()
-        except Exception as error:
-            raise InputError(f"{name} is not a task: calling it failed ({loader.describe_error(error)})") from None
-    if not isinstance(thing, TaskFamily):
-        raise InputError(
-            f"{names.short(name)} is not a task (it is {names.described(thing)}): make one with deltatune.task"
-        )
-    targets = tuple(f"{name}:{target}" for target in thing.targets)
-    return _FAMILIES.setdefault(name, replace(thing, name=name, targets=targets, origin="custom"))
+    made = loader.instance(name, thing, TaskFamily, "a task")
+    targets = tuple(f"{name}:{target}" for target in made.targets)
+    return _FAMILIES.setdefault(name, replace(made, name=name, targets=targets, origin="custom"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -68,19 +69,11 @@ def sweep(
         from orchestrator.execution.session import SweepSession
         from orchestrator.execution.settings import Settings
         from orchestrator.model_registry import pretrained
-        from orchestrator.planning.evaluations import few_evaluations_in
-        from orchestrator.planning.params import check_params
-        from orchestrator.results.sweep_folder import Results
         from orchestrator.tracking.uri import tracking_uri as store_uri
 
-        settled: Params = {}
-        if params:
-            from orchestrator.export.best_params import read_params
-
-            settled = read_params(params)
+        settled = _settled(params)
         sources = pretrained.read(source, chosen, store_uri(storage, tracking_uri)) if source else []
-    for said in filter(None, (check_params(str(params), settled, chosen), few_evaluations_in(chosen))):
-        err.print(said, style="yellow", soft_wrap=True)
+    _warn(chosen, params, settled)
     how = Settings(
         workers=workers,
         address=address,
@@ -96,9 +89,9 @@ def sweep(
         _check_local(how)
     uri = store_uri(storage, tracking_uri) if mlflow else None
     if dry_run:
-        from deltatune.cli.dry_run import say_forecast
+        from deltatune.cli.dry_run import print_forecast
 
-        say_forecast(chosen, how, Results(storage / name), as_json)
+        print_forecast(chosen, how, storage / name, as_json)
         return
     if address:
         from orchestrator.cluster.connection import check_address
@@ -111,6 +104,25 @@ def sweep(
         if tally.left:
             interrupted(session, tally, as_json)
         report(session, tally, as_json)
+
+
+def _settled(params: Path | None) -> Params:
+    """Return the hyperparameters in the file of --params, by arm."""
+    if params is None:
+        return {}
+    from orchestrator.export.best_params import read_params
+
+    return read_params(params)
+
+
+def _warn(space: SearchSpace, params: Path | None, settled: Params) -> None:
+    """Print warnings: entries of --params that do not apply, and AUCs of too few evaluations."""
+    from orchestrator.planning.evaluations import few_evaluations_in
+    from orchestrator.planning.params import check_params
+
+    for warning in (check_params(str(params), settled, space), few_evaluations_in(space)):
+        if warning:
+            err.print(warning, style="yellow", soft_wrap=True)
 
 
 def _load_report() -> None:

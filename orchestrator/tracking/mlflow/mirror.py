@@ -29,7 +29,8 @@ from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import cell_name, configuration_name, group_name
 from orchestrator.results.records.record import Head, Record
-from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.results.sweep_folder import Results
+from orchestrator.results.tables.cell_row import cell_row
 from orchestrator.tracking.configurations import Configurations
 from orchestrator.tracking.mlflow.description import markdown
 from orchestrator.tracking.mlflow.experiment import find_experiment

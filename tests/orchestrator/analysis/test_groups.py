@@ -15,7 +15,8 @@ from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.summary_table import row
 from orchestrator.export.best_params import best, read_params, write_best
 from orchestrator.planning.arms import Key, Label
-from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.results.sweep_folder import Results
+from orchestrator.results.tables.cell_row import cell_row
 from orchestrator.tracking.mlflow.fields import group_figures
 from search_spaces.loading import parse
 from trainables.cell import Cell, Source

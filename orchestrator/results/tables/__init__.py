@@ -1,0 +1,1 @@
+"""The tables of a sweep: rows from records, and their files."""
