@@ -1,4 +1,4 @@
-"""Where the results come from: the sweep, its code, its seeds and its budget."""
+"""The origin of the results: the sweep, its code, its seeds and its budget."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CHANGES = "+changes"
 
 
 def origin(findings: Findings) -> list[tuple[str, str]]:
-    """Return (term, value) pairs, in the order in which they are shown."""
+    """Return (term, value) pairs in display order."""
     meta, space = findings.results.meta(), findings.results.space()
     commit, dirty = str(meta["commit"]).removesuffix(CHANGES), str(meta["commit"]).endswith(CHANGES)
     created = datetime.fromtimestamp(meta["created"], UTC).strftime("%Y-%m-%d %H:%M UTC")

@@ -1,4 +1,4 @@
-"""What the report says first: how often transfer helped or hurt, and the surest cases of both."""
+"""The verdict of the report: how often transfer helped or hurt, and the clearest cases of both."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEADLINES = 3
 
 @dataclass(frozen=True)
 class Headline:
-    """One case of transfer that surely helped, or surely hurt."""
+    """One of the clearest cases in which transfer helped or hurt."""
 
     task: str
     agent: str
@@ -31,12 +31,12 @@ class Headline:
     evidence: str
     """The interval, and both AUCs."""
     remark: str = ""
-    """How it stands to the agent's best configuration."""
+    """How it compares with the agent's best configuration."""
 
 
 @dataclass(frozen=True)
 class Direction:
-    """The surest cases of one direction, the surest first."""
+    """The clearest cases in which transfer helped, or hurt, the clearest first."""
 
     verdict: Literal["helped", "hurt"]
     headlines: tuple[Headline, ...]
@@ -44,21 +44,21 @@ class Direction:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer of a sweep in a few lines."""
+    """The result of a sweep in a few lines."""
 
     helped: int
     hurt: int
     undecided: int
     cells: str
-    """How many seeds and cells it stands on."""
+    """The number of seeds and cells, as text."""
     directions: tuple[Direction, ...]
-    """The direction of the surest case first; a direction without a case is left out."""
+    """That of the clearest case first; a direction without a case is left out."""
     winners: tuple[tuple[str, str, str], ...]
     """(target, agent, sentence) of the best on each target."""
 
 
 def verdict(findings: Findings, winners: Sequence[Group]) -> Verdict:
-    """Return how often transfer helped and hurt, the surest cases of both, and what is best on each target."""
+    """Return how often transfer helped and hurt, the clearest cases of both, and the best on each target."""
     counts = Counter(group.verdict for group in findings.best)
     surest = {which: _surest(findings, which) for which in ("helped", "hurt")}
     directions = [
@@ -80,7 +80,7 @@ def sureness(group: Group) -> float:
 
 
 def _surest(findings: Findings, which: str) -> list[Group]:
-    """Return the surest configuration of each agent, target and source; of losses not the agent's best one alone."""
+    """Return the clearest configuration of each agent, target and source; losses need not be its best configuration."""
     candidates = findings.best if which == "helped" else [group for group in findings.groups if group.complete]
     found: dict[object, Group] = {}
     for group in sorted(candidates, key=lambda group: -sureness(group)):
@@ -104,7 +104,7 @@ def _headline(group: Group, findings: Findings) -> Headline:
 
 
 def _remark(group: Group, findings: Findings) -> str:
-    """Return what the agent's best configuration did, where `group` is another one."""
+    """Return a remark on the agent's best configuration, where `group` is another one."""
     best = findings.selected[group.key].best if group.key in findings.selected else group
     if best.id == group.id or best.against_base is None:
         return ""
@@ -130,9 +130,9 @@ def _sentence(group: Group, hide: Collection[str]) -> str:
     name = label(group, hide)
     text = f"{name}{source}: AUC {group.auc.value:.2f}" if group.auc else name
     if group.against_base is None:
-        return minus(text) + "; no transfer did better"
+        return minus(text) + "; no agent with transfer was better"
     gap, ratio = group.against_base.difference, group.against_base.transfer_ratio
     text += f", {DIFFERENCE.text(gap)}"
     text += "" if ratio.value is None else f" ({TRANSFER_RATIO.text(ratio)})"
-    text += " against no transfer"
-    return minus(text) + (", which these seeds cannot tell from none" if group.verdict == "undecided" else "")
+    text += " compared with no transfer"
+    return minus(text) + (", which is undecided with these seeds" if group.verdict == "undecided" else "")

@@ -1,6 +1,6 @@
-"""What the site has that docs/ has not: pages from other folders, the reference, and the notebooks as pages.
+"""The parts of the site that are not in docs/: pages from other folders, the reference, and the notebooks as pages.
 
-A document is written for a code host; links that leave docs/ are turned here into links of the site.
+Documents have links for a code host; those that leave docs/ are turned into links of the site here.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def interface() -> str:
     """Return the reference of the Python interface: every name of `deltatune`, from its docstring."""
     import deltatune
 
-    parts = ["# Python", "Everything here is imported from `deltatune` alone, and loaded when it is asked for."]
+    parts = ["# Python", "Everything here is imported from `deltatune`, and loaded when it is first used."]
     parts += [f"::: {module}.{name}" for _, (module, name) in sorted(deltatune._HOME.items(), key=_order)]
     return "\n\n".join(parts)
 

@@ -26,7 +26,7 @@ LINE = re.compile(r"([0-9a-f]{64})  ([A-Za-z0-9_./-]+)")
 
 
 class Dataset:
-    """A dataset's folder, for reading. Raises InputError where it is none, or a file is not what was published."""
+    """A dataset's folder, for reading. Raises InputError where it is none, or a file was changed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -63,14 +63,14 @@ class Dataset:
         return sorted(self.cells["sweep"].unique())
 
     def space(self, sweep: str) -> SearchSpace:
-        """Return the search space of a sweep as it was last run; InputError for a sweep that is not in it."""
+        """Return the search space of a sweep's last run. Raises InputError for a sweep that is not in the dataset."""
         if sweep not in self.sweeps():
             raise unknown(f"sweep in {self.folder}", sweep, self.sweeps())
         path = self.folder / SPACES / f"{sweep}.json"
         return parse(str(path), checked_json.read(path)["space"])
 
     def record(self, cell_id: str) -> Record:
-        """Return the record of a cell; InputError where there is none, or it is not what was published."""
+        """Return the record of a cell. Raises InputError where there is none, or it was changed."""
         rows = self.cells[self.cells["cell_id"] == cell_id]
         if rows.empty:
             raise InputError(f"no cell {cell_id} in {self.folder}")
@@ -84,9 +84,9 @@ class Dataset:
             yield record_of(row, points[row["cell_id"]])
 
     def restore(self, sweep: str, storage: Path) -> int:
-        """Write the records of `sweep` into `storage`, in which its own command then goes on; how many were missing.
+        """Write the records of `sweep` to `storage`, where its command can then continue; return how many were missing.
 
-        Raises InputError as `record` and `Results.create` do, and where another driver is at the sweep.
+        Raises InputError as `record` and `Results.create` do, and where another driver runs the sweep.
         """
         results = Results.prepare(storage, sweep)
         with locked(results.folder) as hold:

@@ -1,4 +1,4 @@
-"""Writing a dataset: the cells of sweeps that are done, with all that is needed to read, check and replay them."""
+"""Writes a dataset: the done cells of sweeps, with everything needed to read, verify and replay them."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from trainables.storage.folders import make_folder
 
 
 def write(folder: Path, sweeps: Sequence[Results], remarks: str = "") -> Dataset:
-    """Write what is done of `sweeps` into the dataset `folder`, beside the other sweeps that it has, and return it.
+    """Write the done cells of `sweeps` to the dataset `folder`, beside its other sweeps, and return it.
 
-    remarks: Markdown for the data card. Raises InputError for a sweep without a cell that is done, or a folder that
-    has other files than a dataset's.
+    remarks: Markdown for the data card. Raises InputError for a sweep without a done cell, or a folder with files that
+    do not belong to a dataset.
     """
     before = Dataset(folder) if (folder / SUMS).exists() else None
     make_folder(folder)
@@ -57,13 +57,13 @@ def _frames(results: Results) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the sweep's cells and points."""
     done: list[Record] = [record for _, _, record in results.records() if record and record.status == "done"]
     if not done:
-        raise InputError(f"the sweep {results.name} has no cell that is done")
+        raise InputError(f"the sweep {results.name} has no done cell")
     cells = pd.DataFrame([cell_row(results.name, record) for record in done])
     return cells, _joined([point_rows(record) for record in done])
 
 
 def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Return the rows of all, with the columns of any."""
+    """Return the rows of all frames, with the columns of any."""
     tables = [pa.Table.from_pandas(frame, preserve_index=False) for frame in frames if len(frame)]
     joined: pd.DataFrame = pa.concat_tables(tables, promote_options="permissive").to_pandas()
     return joined

@@ -1,4 +1,4 @@
-"""A record as a row of a dataset's cells and as rows of its points, and back, without the loss of a bit."""
+"""Conversion of a record to rows of a dataset's tables and back, without losing a bit."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ WHOLE = ("episode", "step")
 
 
 def cell_row(sweep: str, record: Record) -> dict[str, Any]:
-    """Return the row of the cells table of a record that is done.
+    """Return the row of the cells table for a done record.
 
-    Beside what a reader needs it has the cell's JSON, the digest of its curve, and which of the curve's columns hold
-    whole numbers: a Parquet column of the points has one type for all cells.
+    Besides what a reader needs it has the cell's JSON, the digest of its curve, and which of the curve's columns are
+    integers, since a Parquet column of the points has one type for all cells.
     """
     cell = record.cell
     source = cell.sources[0] if cell.sources else None

@@ -1,4 +1,4 @@
-"""Commands that publish results, take published ones up, and train recorded cells again."""
+"""Commands that publish and restore datasets, and train recorded cells again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def replay(
     cell_id: Annotated[
         str, typer.Argument(metavar="CELL_ID", help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")
     ],
-    name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look in this sweep alone.")] = None,
+    name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look only in this sweep.")] = None,
     file: Annotated[
         list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
     ] = None,
@@ -35,7 +35,7 @@ def replay(
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Run one recorded cell again in this process, and say whether every bit of its curve agrees (exit 1 if not)."""
+    """Run one recorded cell again in this process, and compare every bit of its curve (exit 1 if one differs)."""
     from orchestrator.execution.replay import replay as run_again
     from orchestrator.execution.replay import replay_published
     from trainables.plugins.loader import load_file
@@ -62,14 +62,14 @@ def publish(
     folder: Folder,
     sweeps: Annotated[list[str], typer.Argument(metavar="SWEEP...", help="The sweeps that go into it.")],
     remarks: Annotated[
-        Path | None, typer.Option(metavar="FILE.md", help="Markdown for the data card: what it is, who made it.")
+        Path | None, typer.Option(metavar="FILE.md", help="Markdown for the data card: content and authors.")
     ] = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
     """Publish sweeps as a dataset: Parquet tables, data card, licence and checksums; each row can be replayed.
 
-    Other sweeps that the dataset has stay in it; an older state of these is replaced.
+    Other sweeps in the dataset stay; an older state of these sweeps is replaced.
     """
     from deltatune.cli.app import warn_of_damage
     from orchestrator.dataset.publication import write
@@ -97,9 +97,9 @@ def restore(
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
-    """Write the records of a published dataset into a storage folder, as if its sweeps had run there.
+    """Write the records of a published dataset to a storage folder, as if its sweeps had run there.
 
-    Then `report`, `compare` and `export` work on them, and a sweep's own command runs what is missing.
+    Then `report`, `compare` and `export` work on them, and the command of a sweep runs its missing cells.
     """
     dataset = _opened(folder)
     names = sweeps or dataset.sweeps()
@@ -120,7 +120,7 @@ def _opened(folder: Path) -> Dataset:
 
 
 def _own_dataset() -> Path:
-    """Return docs/dataset, in this folder or in the checkout that this code is of."""
+    """Return docs/dataset in this folder, or in the checkout of this code."""
     from orchestrator.results.provenance import packages_folder
 
     there = Path("docs") / "dataset"
