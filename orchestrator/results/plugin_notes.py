@@ -41,12 +41,15 @@ def recall(folder: Path) -> None:
 
 
 def _read(folder: Path) -> dict[str, Any]:
+    path = folder / FILE
     try:
-        return checked_json.read(folder / FILE)
-    except checked_json.DamagedError as error:
-        log.warning("%s", error)
-    except InputError:
-        pass
+        notes = checked_json.read(path)
+        if not any(names.is_custom(name) for name in notes):
+            raise checked_json.damaged(path, "it holds no notes")
+        return notes
+    except InputError as error:
+        if path.exists():
+            log.warning("%s", error)
     return {}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import logging
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,8 @@ import numpy as np
 from trainables.errors import InfrastructureError
 from trainables.storage.atomic import write_atomic
 from trainables.storage.paths import is_local
+
+log = logging.getLogger("deltatune.training")
 
 MAGIC = b"deltatune checkpoint 1\n"
 
@@ -53,10 +56,13 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def load_if_whole(path: Path) -> dict[str, Any] | None:
-    """Return the state at `path`, or None where there is no complete checkpoint."""
+    """Return the state at `path`, or None where there is no complete checkpoint. A damaged one is logged."""
     try:
         return load(path)
-    except (CheckpointError, FileNotFoundError, zipfile.BadZipFile):
+    except FileNotFoundError:
+        return None
+    except (CheckpointError, zipfile.BadZipFile) as error:
+        log.warning("%s: the cell starts again", error)
         return None
 
 
