@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 
 from tests.node_killer.killer import kill
@@ -12,6 +13,7 @@ if __name__ == "__main__":
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0, help="decides who dies when")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *words: sys.exit("asked to stop"))  # which ends the cluster too
     killed = kill(options.minutes, options.seed, say=True)
     print(killed)
     sys.exit(bool(killed.wrong))
