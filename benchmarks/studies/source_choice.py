@@ -27,8 +27,8 @@ from trainables.learners.greedy_evaluation import greedy_returns
 from trainables.numerics.rng import stream
 from trainables.numerics.threads import one_thread
 from trainables.source_ranking.path_value import Follower
-from trainables.source_ranking.ranking import Bench, Ranking, rank
-from trainables.source_ranking.tabular import Player, TabularBench
+from trainables.source_ranking.ranking import Ranking, SourceComparison, rank
+from trainables.source_ranking.tabular import Player, TabularComparison
 from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 from trainables.training.cell_run import run_cell
@@ -152,8 +152,8 @@ def gridworld(library: SourceLibrary) -> None:
 
 
 def _ranked(target: str, tasks: Sequence[str], tables: Sequence[np.ndarray], seed: int) -> Ranking:
-    bench: Bench = TabularBench(target, list(zip(tasks, tables, strict=True)), GAMMA, seed)
-    return rank(bench, len(tables), EPISODES)
+    comparison: SourceComparison = TabularComparison(target, list(zip(tasks, tables, strict=True)), GAMMA, seed)
+    return rank(comparison, len(tables), EPISODES)
 
 
 def cartpole(library: SourceLibrary) -> None:

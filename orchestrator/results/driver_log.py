@@ -51,19 +51,19 @@ class _DriverLog(logging.Handler):
     def __init__(self, folder: Path) -> None:
         super().__init__(logging.INFO)
         self.folder = folder
-        self._journal = Journal(folder)
+        self._file = LogFile(folder)
 
     def emit(self, record: logging.LogRecord) -> None:
         text = record.getMessage()
         if record.exc_info:
             text += f"\n{logging.Formatter().formatException(record.exc_info)}"
-        self._journal.write(text)
+        self._file.write(text)
 
     def flush(self) -> None:
-        self._journal.close()
+        self._file.close()
 
 
-class Journal:
+class LogFile:
     """Appends lines with their time. Errors in writing are ignored."""
 
     def __init__(self, folder: Path) -> None:

@@ -33,7 +33,7 @@ def sweep_status(results: Results) -> dict[str, Any]:
         plan, damage = {}, [*damage, str(error)]
     stages: dict[str, Counter[str]] = {stage: Counter() for stage in plan}
     failures = []
-    for stage, cell, record in results.ended(plan):
+    for stage, cell, record in results.planned_heads(plan):
         stages[stage]["missing" if record is None else record.status] += 1
         if record is not None and record.status == "failed":
             failures.append(

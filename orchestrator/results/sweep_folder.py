@@ -214,7 +214,7 @@ class Results:
                         found[cell.id, label] = row | {"source_seed": seeds.get(row["source_cell"])}
         return list(found.values())
 
-    def ended(self, plan: Plan | None = None) -> Iterator[tuple[str, Cell, Head | None]]:
+    def planned_heads(self, plan: Plan | None = None) -> Iterator[tuple[str, Cell, Head | None]]:
         """Yield (stage, cell, the head of its record or None) for every planned cell, each cell once."""
         heads = self.heads()
         seen: set[str] = set()
@@ -225,8 +225,8 @@ class Results:
                     yield stage, cell, heads.get(cell.id)
 
     def records(self) -> Iterator[tuple[str, Cell, Record | None]]:
-        """Yield the same as `ended` with whole records, each read on demand."""
-        for stage, cell, head in self.ended():
+        """Yield the same as `planned_heads` with whole records, each read on demand."""
+        for stage, cell, head in self.planned_heads():
             yield stage, cell, self.log.record(cell.id) if head else None
 
     def _ended_records(self) -> Iterator[Record]:

@@ -9,7 +9,7 @@ from typing import Any
 from orchestrator.sources.library import Entry
 from trainables.agents.registry import agent_named
 from trainables.errors import InputError
-from trainables.source_ranking.ranking import Bench, Ranked, Ranking, rank
+from trainables.source_ranking.ranking import Ranked, Ranking, SourceComparison, rank
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
 from trainables.tasks.step_env import task_shape
@@ -79,7 +79,7 @@ def rank_sources(target: str, entries: Sequence[Entry], episodes: int, seed: int
     if len(gammas) > 1:
         raise InputError(f"the sources have different discount factors ({', '.join(map(str, sorted(gammas)))})")
     fitting.sort(key=lambda entry: entry.id)
-    ranking = rank(_bench(task, fitting, gammas.pop(), seed), len(fitting), episodes)
+    ranking = rank(_comparison(task, fitting, gammas.pop(), seed), len(fitting), episodes)
     return Found(task.name, tuple(fitting), ranking, len(entries) - len(fitting))
 
 
@@ -90,19 +90,19 @@ def _fits(entry: Entry, target: Task, shape: tuple[int, int]) -> bool:
     return same and agent_named(entry.cell.agent).kind == kind
 
 
-def _bench(task: Task, entries: Sequence[Entry], gamma: float, seed: int) -> Bench:
+def _comparison(task: Task, entries: Sequence[Entry], gamma: float, seed: int) -> SourceComparison:
     if task.tabular:
-        from trainables.source_ranking.tabular import TabularBench
+        from trainables.source_ranking.tabular import TabularComparison
 
         shape = task_shape(task)
-        return TabularBench(task.name, [(e.cell.task, e.knowledge.q_table(shape)) for e in entries], gamma, seed)
+        return TabularComparison(task.name, [(e.cell.task, e.knowledge.q_table(shape)) for e in entries], gamma, seed)
     from trainables.agents.builtin.dqn import DQN
     from trainables.networks.network import source_network
-    from trainables.source_ranking.deep import DeepBench
+    from trainables.source_ranking.deep import DeepComparison
 
     networks = []
     for entry in entries:
         settings = entry.cell.settings
         assert isinstance(settings, DQN)
         networks.append((entry.cell.task, source_network(entry.knowledge, "best", settings, *task_shape(task))))
-    return DeepBench(task.name, networks, gamma, seed)
+    return DeepComparison(task.name, networks, gamma, seed)

@@ -22,7 +22,7 @@ def sync(findings: Findings, uri: str, artifacts: Iterable[Path], backend: Track
     results = findings.results
     backend = backend or kind_of(uri).load()(results, uri)
     try:
-        for stage, cell, head in results.ended():
+        for stage, cell, head in results.planned_heads():
             if head is not None:
                 backend.write_cell(stage, head, partial(results.log.record, cell.id))
         backend.finish(findings, artifacts)

@@ -36,7 +36,7 @@ class Store:
 
     def sync(self, findings: Results, uri: str, artifacts: object, mirror: Mirror) -> str:
         """As `tracking.sync` writes the cells."""
-        for stage, cell, head in findings.ended():
+        for stage, cell, head in findings.planned_heads():
             if head is not None:
                 mirror.write_cell(stage, head, partial(findings.log.record, cell.id))
         mirror.end("FINISHED")

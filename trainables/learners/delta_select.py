@@ -100,7 +100,7 @@ def choose(promises: NDArray[np.float64], paths: PathDelta, z: float, sd_floor: 
 
 
 @compiled
-def note(paths: PathDelta, k: int, collected: float, own_rate: float) -> None:
+def record_episode(paths: PathDelta, k: int, collected: float, own_rate: float) -> None:
     """Update the running means by an episode: the path delta of source k, or the return of Q_trg."""
     if k != NONE:
         paths.followed[k] += 1
@@ -158,7 +158,7 @@ def run_episodes(
             state = next_state
             if terminated:
                 break
-        note(paths, k, collected, rule.own_rate)
+        record_episode(paths, k, collected, rule.own_rate)
     return total
 
 

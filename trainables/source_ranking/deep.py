@@ -19,8 +19,8 @@ UCB = 1.0
 """Standard errors added to a source's value, which favours sources with few episodes."""
 
 
-class DeepBench:
-    """The bench of source networks on a deep target."""
+class DeepComparison:
+    """The comparison of source networks on a deep target."""
 
     def __init__(self, target: str, sources: Sequence[tuple[str, Network]], gamma: float, seed: int) -> None:
         self._rollout = Rollout(parse_task(target), stream(seed, "calibration", target))

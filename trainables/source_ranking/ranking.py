@@ -82,7 +82,7 @@ class Ranking:
         return None if best.verdict == "no" else best
 
 
-class Bench(Protocol):
+class SourceComparison(Protocol):
     """Evaluates candidate sources on one target."""
 
     @property
@@ -102,29 +102,29 @@ class Bench(Protocol):
         """Return the same on each source's own task, from so many episodes there."""
 
 
-def rank(bench: Bench, count: int, episodes: int) -> Ranking:
+def rank(comparison: SourceComparison, count: int, episodes: int) -> Ranking:
     """Rank `count` sources by `episodes` target episodes."""
     played, random = [0] * count, []
     for episode in range(episodes):
         if episode % RANDOM_EVERY == 0:
-            random.append(bench.play(None))
+            random.append(comparison.play(None))
             continue
-        next_source = _next(bench, played, even=sum(played) < EVEN * episodes)
-        bench.play(next_source)
+        next_source = _next(comparison, played, even=sum(played) < EVEN * episodes)
+        comparison.play(next_source)
         played[next_source] += 1
-    floors = bench.floors([max(number, FLOOR_EPISODES) for number in played])
+    floors = comparison.floors([max(number, FLOOR_EPISODES) for number in played])
     worth = sum(random) / len(random)
     found = [
         Ranked(k, played[k], target, floor, _kept(target, worth))
-        for k, (target, floor) in enumerate(zip(bench.estimates(), floors, strict=True))
+        for k, (target, floor) in enumerate(zip(comparison.estimates(), floors, strict=True))
     ]
     order = sorted(found, key=lambda ranked: (-ranked.low, ranked.source))
-    return Ranking(tuple(order), worth, bench.steps)
+    return Ranking(tuple(order), worth, comparison.steps)
 
 
-def _next(bench: Bench, played: Sequence[int], even: bool) -> int:
+def _next(comparison: SourceComparison, played: Sequence[int], even: bool) -> int:
     """Return the source that plays next: the one with the fewest episodes, or the best so far; the first of equals."""
-    values = [-number for number in played] if even else bench.values()
+    values = [-number for number in played] if even else comparison.values()
     return max(range(len(played)), key=lambda k: (values[k], -k))
 
 

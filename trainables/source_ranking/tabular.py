@@ -63,8 +63,8 @@ class Player:
         return float(gamma ** np.arange(len(rewards)) @ rewards)
 
 
-class TabularBench:
-    """The bench of tabular sources on a tabular target."""
+class TabularComparison:
+    """The comparison of tabular sources on a tabular target."""
 
     def __init__(
         self, target: str, sources: Sequence[tuple[str, NDArray[np.float64]]], gamma: float, seed: int

@@ -39,7 +39,7 @@ def _overview(results: Results) -> dict[str, Any]:
     from orchestrator.export.largest_effect import largest_effect
     from orchestrator.results.lock import driver
 
-    heads = [head for _, _, head in results.ended()]
+    heads = [head for _, _, head in results.planned_heads()]
     ended = [head for head in heads if head is not None]
     return {
         "sweep": results.name,

@@ -69,7 +69,7 @@ def test_a_sweep_whose_output_is_full_is_whole_and_says_one_sentence(tmp_path: P
     assert done.stderr.splitlines()[-1].startswith("error: standard output is incomplete")
     assert "Traceback" not in done.stderr
     results = Results.open(tmp_path, "small")
-    assert all(head is not None for _, _, head in results.ended())
+    assert all(head is not None for _, _, head in results.planned_heads())
     assert (results.folder / "best.yaml").exists()
     assert (results.folder / "report.html").exists()
 

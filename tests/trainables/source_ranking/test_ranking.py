@@ -13,10 +13,10 @@ from trainables.delta.exact import exact_delta, exact_q, policy_q
 from trainables.delta.noise_floor import episode_of
 from trainables.delta.sample import delta_samples
 from trainables.networks.network import source_network
-from trainables.source_ranking.deep import DeepBench
+from trainables.source_ranking.deep import DeepComparison
 from trainables.source_ranking.path_value import Follower, Seen, merged, nothing_seen
-from trainables.source_ranking.ranking import Bench, rank
-from trainables.source_ranking.tabular import Player, TabularBench
+from trainables.source_ranking.ranking import SourceComparison, rank
+from trainables.source_ranking.tabular import Player, TabularComparison
 from trainables.tasks.registry import model_of
 from trainables.tasks.rollout import Transitions
 from trainables.training.train import train
@@ -25,8 +25,8 @@ GAMMA = 0.99
 WINDS = [f"windy_gridworld:wind={name}" for name in ("source", "small", "additional_1", "additional_2", "reversed")]
 
 
-def _bench(target: str, sources: list[str], seed: int = 0) -> Bench:
-    return TabularBench(target, [(task, exact_q(task, GAMMA)) for task in sources], GAMMA, seed)
+def _comparison(target: str, sources: list[str], seed: int = 0) -> SourceComparison:
+    return TabularComparison(target, [(task, exact_q(task, GAMMA)) for task in sources], GAMMA, seed)
 
 
 def _everything(task: str) -> Seen:
@@ -73,7 +73,7 @@ def test_what_is_not_seen_makes_the_interval_wide() -> None:
 
 @pytest.mark.parametrize("target", WINDS)
 def test_the_exact_knowledge_of_the_target_itself_is_recommended_as_similar(target: str) -> None:
-    ranking = rank(_bench(target, WINDS), 5, 60)
+    ranking = rank(_comparison(target, WINDS), 5, 60)
     best = ranking.recommended
     assert best is not None
     # small differs so little from the source that either may come first
@@ -83,13 +83,13 @@ def test_the_exact_knowledge_of_the_target_itself_is_recommended_as_similar(targ
 
 
 def test_none_is_recommended_where_every_source_walks_into_a_wall() -> None:
-    ranking = rank(_bench(WINDS[4], WINDS[:2]), 2, 30)
+    ranking = rank(_comparison(WINDS[4], WINDS[:2]), 2, 30)
     assert ranking.recommended is None
     assert all(each.verdict == "no" for each in ranking.ranked)
 
 
 def test_the_same_seed_ranks_with_the_same_bits_and_every_episode_is_counted() -> None:
-    first, again = (rank(_bench(WINDS[2], WINDS), 5, 30) for _ in range(2))
+    first, again = (rank(_comparison(WINDS[2], WINDS), 5, 30) for _ in range(2))
     assert first == again
     assert sum(each.episodes for each in first.ranked) == 30 - 2  # two at random
 
@@ -137,7 +137,7 @@ def test_the_sum_of_delta_along_an_episode_is_its_return_less_the_promise() -> N
 
 def test_of_two_networks_the_one_that_balances_the_pole_is_found() -> None:
     sources = [("cartpole", Balancer(-1.0)), ("cartpole", Balancer(1.0))]
-    ranking = rank(DeepBench("cartpole:gravity=5x", sources, GAMMA, 0), 2, 8)  # type: ignore[list-item]
+    ranking = rank(DeepComparison("cartpole:gravity=5x", sources, GAMMA, 0), 2, 8)  # type: ignore[list-item]
     assert [each.source for each in ranking.ranked] == [1, 0]
     assert ranking.ranked[0].target.value > ranking.ranked[1].target.value + 30
 
@@ -156,8 +156,8 @@ def test_a_network_that_played_one_episode_is_not_recommended_for_certain() -> N
     settings = training.cell.settings
     assert isinstance(settings, DQN)
     network = source_network(training.knowledge(), "last", settings, 4, 2)
-    bench = DeepBench("cartpole", [("cartpole", network)], GAMMA, 0)
-    bench.play(0)
-    assert bench.estimates()[0].se == math.inf
-    bench.play(0)
-    assert bench.estimates()[0].se < math.inf
+    comparison = DeepComparison("cartpole", [("cartpole", network)], GAMMA, 0)
+    comparison.play(0)
+    assert comparison.estimates()[0].se == math.inf
+    comparison.play(0)
+    assert comparison.estimates()[0].se < math.inf
