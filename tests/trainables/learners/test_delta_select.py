@@ -138,7 +138,7 @@ def test_the_compiled_loop_and_the_choice_are_the_plain_ones(monkeypatch) -> Non
     cell = _cell(WINDS[2], WINDS[:2], episodes=8, evaluate_every=4)
     fast = train(cell)
     compiled = curve.digest(curve.columns(fast))
-    for name in ("choose", "note", "worth_following"):
+    for name in ("choose", "record_episode", "worth_following"):
         monkeypatch.setattr(delta_select, name, getattr(delta_select, name).py_func)
     monkeypatch.setattr(delta_select, "run_episodes", delta_select.run_episodes.py_func)
     slow = train(cell)
