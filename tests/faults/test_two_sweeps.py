@@ -1,0 +1,72 @@
+"""Two sweeps of one storage at once, and somebody else in MLflow's database: nothing double, nothing lost."""
+
+from __future__ import annotations
+
+import sqlite3
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+import yaml
+from conftest import CELLS, timeless
+from harness import PATIENCE, space
+from mlflow.tracking import MlflowClient
+
+from orchestrator.results.sweep_folder import Results
+from orchestrator.sources.library import SourceLibrary
+
+pytestmark = pytest.mark.server
+
+LOCKED_SECONDS = 3.0
+"""For which another process holds the database for itself."""
+
+
+def test_two_sweeps_of_one_storage_with_a_store_that_others_write_to(finished: Path, tmp_path: Path) -> None:
+    """Both train the same sources, make MLflow's database at the same moment, and are synchronised while they run."""
+    storage, file = tmp_path / "storage", tmp_path / "small.yaml"
+    file.write_text(yaml.safe_dump(space(), sort_keys=False))
+    deltatune = [sys.executable, "-m", "deltatune"]
+    words = ["sweep", str(file), "--storage", str(storage), "--local", "--workers", "1"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    sweeps = {
+        name: subprocess.Popen([*deltatune, *words, "--name", name], **pipes)  # type: ignore[call-overload]
+        for name in ("one", "two")
+    }
+    try:
+        database, deadline = storage / "mlflow.db", time.monotonic() + PATIENCE
+        begun = [database, *(storage / name / "sweep.json" for name in sweeps)]
+        while not all(path.exists() for path in begun) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        with sqlite3.connect(database, timeout=PATIENCE, isolation_level=None) as other:
+            other.execute("BEGIN IMMEDIATE")
+            time.sleep(LOCKED_SECONDS)
+            other.execute("ROLLBACK")
+        other.close()
+        sync = subprocess.run([*deltatune, "sync", "one", "--storage", str(storage)], capture_output=True, text=True)
+        assert sync.returncode in (0, 2), sync.stderr
+        assert sync.returncode == 0 or "is being written into MLflow by process" in sync.stderr
+        said = {name: sweep.communicate(timeout=PATIENCE)[0] for name, sweep in sweeps.items()}
+    finally:
+        for sweep in sweeps.values():
+            sweep.kill()
+            sweep.wait()
+    assert {name: sweep.returncode for name, sweep in sweeps.items()} == {"one": 0, "two": 0}, said
+    expected = timeless(Results.open(finished, "small").tables()[1])
+    client = MlflowClient(f"sqlite:///{database}")
+    experiment = client.get_experiment_by_name("deltatune/tests")
+    assert experiment is not None
+    for name in sweeps:
+        assert timeless(Results.open(storage, name).tables()[1]).equals(expected)
+        found = client.search_runs([experiment.experiment_id], f"tags.sweep = '{name}'", max_results=1000)
+        ids = Counter(run.data.tags["cell_id"] for run in found if run.data.tags["kind"] == "cell")
+        assert set(ids) == set(Results.open(storage, name).heads())
+        assert set(ids.values()) == {1}, "a cell is in MLflow twice"
+        assert {run.info.status for run in found} == {"FINISHED"}
+        groups = Counter(run.data.tags["group"] for run in found if run.data.tags["kind"] == "aggregate")
+        assert set(groups.values()) == {1}
+    assert len(ids) == CELLS
+    library = {entry.id: entry.knowledge.digest for entry in SourceLibrary(storage).entries()}
+    assert library == {entry.id: entry.knowledge.digest for entry in SourceLibrary(finished).entries()}
