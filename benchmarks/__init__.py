@@ -1,1 +1,1 @@
-"""Benchmarks: speed beside public peers and limits, the cost of sweeps and tracking, and studies of results."""
+"""Benchmarks: speed compared with public peers and limits, the cost of sweeps and tracking, and studies of results."""

@@ -2,8 +2,8 @@
 
     python -m benchmarks [PART ...] [--quick] [--json FILE]
 
-Every figure is beside a peer or a limit measured in the same run; the ratio says how many times better it is than the
-peer, or which share of the limit it reaches. `python -m benchmarks.compare A.json B.json` compares two commits.
+Every figure is compared with a peer or a limit measured in the same run; the ratio is how many times better it is than
+the peer, or the share of the limit that it reaches. `python -m benchmarks.compare A.json B.json` compares two commits.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"some of {', '.join(PARTS)}; default: all")
     parser.add_argument("--quick", action="store_true", help="a tenth of the time, for a look")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the table there too")
-    asked = parser.parse_args()
-    if unknown := set(asked.parts) - set(PARTS):
+    args = parser.parse_args()
+    if unknown := set(args.parts) - set(PARTS):
         parser.error(f"no part '{min(unknown)}': there are {', '.join(PARTS)}")
     where, rows = machine(), list[Row]()
     print("  ".join(f"{name} {value}" for name, value in where.items()), flush=True)
-    for name in asked.parts or PARTS:
-        found = list(PARTS[name](asked.quick))
+    for name in args.parts or PARTS:
+        found = list(PARTS[name](args.quick))
         print(f"\n{name}\n{table(found)}", flush=True)
         rows += found
-    if asked.json:
-        told = {"commit": commit(), "versions": versions(), "machine": where, "rows": [asdict(row) for row in rows]}
-        asked.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    if args.json:
+        data = {"commit": commit(), "versions": versions(), "machine": where, "rows": [asdict(row) for row in rows]}
+        args.json.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

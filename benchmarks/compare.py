@@ -19,16 +19,16 @@ Key = tuple[str, str]
 def read(path: Path) -> tuple[dict[str, Any], dict[Key, Row]]:
     """Return the machine and the rows of a file. Raises ValueError for a file of another kind."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        rows = [Row(**row) for row in told["rows"]]
-        return {"commit": told["commit"], **told["machine"]}, {(row.name, row.beside): row for row in rows}
+        data = json.loads(path.read_text(encoding="utf-8"))
+        rows = [Row(**row) for row in data["rows"]]
+        return {"commit": data["commit"], **data["machine"]}, {(row.name, row.beside): row for row in rows}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"'{path}' is not a file written by 'python -m benchmarks --json' ({error})") from None
 
 
 def compared(before: dict[Key, Row], after: dict[Key, Row]) -> list[str]:
     """Return a line for each row that both have, then one for each that only one has."""
-    lines = [f"{'':36}{'beside':<30}{'A':>12}{'B':>12}  {'':14}{'change':>8}{'of ratios':>11}"]
+    lines = [f"{'':36}{'compared with':<30}{'A':>12}{'B':>12}  {'':14}{'change':>8}{'of ratios':>11}"]
     for key in (key for key in before if key in after):
         a, b = before[key], after[key]
         change = Row("", b.value, "", "", a.value, b.more).ratio
@@ -37,7 +37,7 @@ def compared(before: dict[Key, Row], after: dict[Key, Row]) -> list[str]:
             f"{a.name:<36}{a.beside:<30}{a.value:>12.4g}{b.value:>12.4g}  {a.unit:<14}{change:>8.2f}{ratios:>11.2f}"
         )
     for name, rows, others in (("A", before, after), ("B", after, before)):
-        lines += [f"{key[0]} beside {key[1]}: only in {name}" for key in rows if key not in others]
+        lines += [f"{key[0]} compared with {key[1]}: only in {name}" for key in rows if key not in others]
     return lines
 
 
@@ -46,13 +46,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("before", type=Path, metavar="A.json")
     parser.add_argument("after", type=Path, metavar="B.json")
-    asked = parser.parse_args()
+    args = parser.parse_args()
     try:
-        (here, before), (there, after) = read(asked.before), read(asked.after)
+        (here, before), (there, after) = read(args.before), read(args.after)
     except ValueError as error:
         parser.error(str(error))
-    for name, told in (("A", here), ("B", there)):
-        print(f"{name}: " + "  ".join(f"{key} {value}" for key, value in told.items()))
+    for name, data in (("A", here), ("B", there)):
+        print(f"{name}: " + "  ".join(f"{key} {value}" for key, value in data.items()))
     if {key: here[key] for key in ("processor", "cores")} != {key: there[key] for key in ("processor", "cores")}:
         print("two machines: only the last column is valid")
     print("\n".join(compared(before, after)))

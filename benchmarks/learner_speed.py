@@ -1,4 +1,4 @@
-"""Environment steps per CPU second of the deep agents, beside public peers with the same work in the same run.
+"""Environment steps per CPU second of the deep agents, compared with public peers with the same work in the same run.
 
     python -m benchmarks.learner_speed --tasks cartpole lunar_lander --seconds 20 --json
 

@@ -1,4 +1,4 @@
-"""A figure beside its peer or limit: a row in the table of `make bench`."""
+"""A figure compared with a peer or limit: a row in the table of `make bench`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Row:
 
 def table(rows: Sequence[Row]) -> str:
     """Return the rows as a table of text."""
-    lines = [f"{'':36}{'measured':>14}  {'':18}{'beside':<30}{'':>14}{'ratio':>8}"]
+    lines = [f"{'':36}{'measured':>14}  {'':18}{'compared with':<30}{'':>14}{'ratio':>8}"]
     for row in rows:
         figures = f"{_short(row.value):>14}  {row.unit:<18}{row.beside:<30}{_short(row.other):>14}"
         lines.append(f"{row.name:<36}{figures}{row.ratio:>8.2f}")

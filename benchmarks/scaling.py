@@ -97,14 +97,14 @@ def main() -> None:
     parser.add_argument("--cells", type=int, nargs="*", default=[1000, 3000, 10000], help="sizes of the no-op sweeps")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--measure", nargs=2, type=float, help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.measure:
-        print(json.dumps(measure(int(asked.measure[0]), asked.measure[1])))
+    args = parser.parse_args()
+    if args.measure:
+        print(json.dumps(measure(int(args.measure[0]), args.measure[1])))
         return
     work = in_a_process(1000, WORK_SECONDS)
     work["efficiency"] = work["work"] / work["workers"] / work["run"]
-    nothing = [in_a_process(cells, 0.0) for cells in asked.cells]
-    if asked.json:
+    nothing = [in_a_process(cells, 0.0) for cells in args.cells]
+    if args.json:
         print(json.dumps({"overhead": work, "no-op": nothing, "load": os.getloadavg()[0]}, indent=1))
         return
     print(f"1,000 cells of {work['work']:.0f} ms: {work['run']:.1f} s on {work['workers']:.0f} workers,")

@@ -1,4 +1,4 @@
-"""Microseconds of CPU time for a step of each deep task's environment, beside Gymnasium's in the same run.
+"""Microseconds of CPU time for a step of each deep task's environment, compared with Gymnasium's in the same run.
 
     python -m benchmarks.simulator_speed --json
 

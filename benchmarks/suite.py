@@ -1,4 +1,4 @@
-"""The speed benchmarks as rows beside peers and limits."""
+"""The speed benchmarks as rows that are compared with peers and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The update of the deep agents beside the limits of this core: its multiply-add units, and its BLAS library.
+"""The update of the deep agents compared with the limits of this core: its multiply-add units, and its BLAS library.
 
     python -m benchmarks.update_speed --json
 

@@ -20,7 +20,7 @@ AT_THE_END = ("matrix", "curves", "delta_effect", "advice_fraction")
 def draw(
     findings: Findings, folder: Path | None = None, every: bool = False, missing: list[str] | None = None
 ) -> list[Path]:
-    """Write the report, and figures as PNG and SVG in the folder `figures` beside it; return the files, report first.
+    """Write the report, and figures as PNG and SVG in the folder `figures` next to it; return the files, report first.
 
     folder: default the sweep's own. every: draw all figures as files, not only those of AT_THE_END. missing: gets a
     sentence for each figure that could not be drawn; the others are drawn all the same.

@@ -28,7 +28,7 @@ class Series:
     """Drawn thin: context, not the subject."""
     hollow: bool = False
     names: tuple[str, ...] = ()
-    """A word beside each point; empty: none."""
+    """A word next to each point; empty: none."""
     hover: tuple[str, ...] = ()
     """The report's text for each point under the mouse."""
 
@@ -77,7 +77,7 @@ class Chart:
     """A description for readers who cannot see it."""
     panels: tuple[Panel, ...]
     columns: int = 2
-    """Panels beside each other in print."""
+    """Panels per row in print."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def take(items: queue.Queue[Item], seconds: float) -> Item:
     return items.get(timeout=seconds)
 
 
-def beside(work: Callable[[], None], name: str) -> Worker:
+def in_background(work: Callable[[], None], name: str) -> Worker:
     """Run `work` in a daemon thread."""
     thread = threading.Thread(target=work, name=name, daemon=True)
     thread.start()

@@ -32,7 +32,7 @@ SETTINGS = {
 def prepare(joins_cluster: bool = False) -> None:
     """Set the environment variables, which the workers inherit.
 
-    joins_cluster: whether to join Ray instead of starting it. A head that has this user's token asks for it, and Ray's
+    joins_cluster: whether to join Ray instead of starting it. A head that has this user's token requires it, and Ray's
     client presents the token only in this mode.
     """
     for name, value in SETTINGS.items():

@@ -45,7 +45,7 @@ def parse(where: str, data: object, folders: Sequence[Path] = ()) -> SearchSpace
 def load(name: str) -> SearchSpace:
     """Return the built-in search space called `name`, or the one in the YAML file `name`.
 
-    Files of custom code that a YAML file names are run; they are looked for beside it, then in the current folder.
+    Files of custom code that a YAML file names are run; they are looked for in its folder, then in the current folder.
     """
     if name in built_in():
         return parse(name, read_yaml(built_in()[name]))

@@ -107,7 +107,7 @@ class SearchSpace(Strict):
 
     @property
     def every_seed(self) -> tuple[int, ...]:
-        """The seeds of the target cells, then those of source cells beside them."""
+        """The seeds of the target cells, then the other seeds of source cells."""
         sources = (scenario.source.trained(self.seeds) for scenario in self.scenarios)
         return tuple(dict.fromkeys(itertools.chain(self.seeds, *sources)))
 

@@ -119,7 +119,7 @@ def digest(curve: Columns) -> str:
 
 
 def mean(values: Sequence[float | int | None]) -> float | None:
-    """Return the mean of what a column says; None where it says nothing."""
+    """Return the mean of a column's numbers; None where it has none."""
     given = [value for value in values if value is not None]
     return sum(given) / len(given) if given else None
 

@@ -13,13 +13,13 @@ from orchestrator.analysis.statistics import Estimate
 from trainables.delta.bounds import bounds
 
 ROWS = (*TABLE_1, "lunar_lander:mass=1.5")
-"""The eight targets of Table 1, and the one that the appendix names beside them."""
+"""The eight targets of Table 1, and the one that the appendix names in addition."""
 
 PLANNED = {"cartpole": 20, "acrobot": 5, "lunar_lander": 5, "reacher": 5}
 """Seeds that this page is to have, by task."""
 
 OTHERS = ("warm_start",)
-"""Agents beside the paper's that every row has."""
+"""Agents other than the paper's that every row has."""
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -37,7 +37,7 @@ def interval(estimate: Estimate | None, digits: int = 1) -> str:
 
 
 def table_1(curves: Curves) -> str:
-    """Return Table 1: AUC of each agent, its transfer ratio and its difference from dqn, beside the paper's."""
+    """Return Table 1: AUC of each agent, its transfer ratio and its difference from dqn, next to the paper's."""
     rows = [row for target in ROWS for row in _rows(curves, target)]
     head = ("target", "agent", "seeds", "sources", "AUC (sd)", "transfer ratio [95 %]", "difference [95 %]", "paper")
     return markdown(head, rows)

@@ -1,4 +1,4 @@
-"""The AUCs of the tabular agents beside those of an independent prototype: `python -m benchmarks.studies.anchors`.
+"""AUCs of the tabular agents compared with those of an independent prototype: `python -m benchmarks.studies.anchors`.
 
 Plain Python, no Ray: every seed trains its own source by Q-learning, then every agent on every target. The anchors are
 means (and standard deviations) over 20 seeds, recorded with one decimal or none.

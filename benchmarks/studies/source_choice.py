@@ -1,8 +1,8 @@
 """Evaluates the sources that `deltatune rank` recommends.
 
 `python -m benchmarks.studies.source_choice gridworld | cartpole [--storage results/choice]` prints Markdown: the regret
-of the recommended source (return lost against the best of the library) beside that of a random pick, of trying each
-source equally often, and of three simpler scores of delta on the same episodes. Sources are trained once and kept.
+of the recommended source (return lost against the best of the library) compared with that of a random pick, of trying
+each source equally often, and of three simpler scores of delta on the same episodes. Sources are trained once and kept.
 """
 
 from __future__ import annotations

@@ -34,10 +34,10 @@ def measure(cells: int) -> dict[str, Any]:
     from orchestrator.tracking.mlflow.mirror import Mirror
     from search_spaces.loading import parse
 
-    asked = space(EPISODES, cells) | {"hyperparameters": {"episodes": [EPISODES], "evaluate_every": [1]}}
+    spec = space(EPISODES, cells) | {"hyperparameters": {"episodes": [EPISODES], "evaluate_every": [1]}}
     spent: dict[str, float] = defaultdict(float)
     with tempfile.TemporaryDirectory(prefix="deltatune-cost-") as folder:
-        results = Results.create(Path(folder), "cost", parse("cost", asked))
+        results = Results.create(Path(folder), "cost", parse("cost", spec))
         run(results, Settings(local=True, workers=1), Console(quiet=True))
         uri = f"sqlite:///{folder}/mlflow.db"
         mirror, client = Mirror(results, uri), MlflowClient(uri)
@@ -93,12 +93,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--cells", type=int, default=100)
     parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
+    args = parser.parse_args()
     from orchestrator.process_env import prepare
 
     prepare()
-    found = measure(asked.cells)
-    print(json.dumps(found) if asked.json else "  ".join(f"{name} {value}" for name, value in found.items()))
+    found = measure(args.cells)
+    print(json.dumps(found) if args.json else "  ".join(f"{name} {value}" for name, value in found.items()))
 
 
 if __name__ == "__main__":

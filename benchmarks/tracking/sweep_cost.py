@@ -51,7 +51,7 @@ def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], No
     tracker = Tracker(results, uri) if uri else None
     seen = 0
 
-    def told(stage: str, record: Any) -> None:
+    def on_cell(stage: str, record: Any) -> None:
         nonlocal seen
         seen += 1
         harm(seen)
@@ -59,7 +59,7 @@ def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], No
             tracker.record(stage, record)
 
     started = time.perf_counter()
-    tally = run(results, Settings(), Console(quiet=True), told)
+    tally = run(results, Settings(), Console(quiet=True), on_cell)
     ran = time.perf_counter()
     if tracker and tracker.finish(find(results), []) is None:
         raise RuntimeError(f"MLflow is incomplete: {tracker.error}")
@@ -119,12 +119,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=0.5, help="of a cell")
     parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
+    args = parser.parse_args()
     from orchestrator.process_env import prepare
 
     prepare()
-    found = list(measure(asked.seconds))
-    if asked.json:
+    found = list(measure(args.seconds))
+    if args.json:
         print(json.dumps(found, indent=1))
         return
     without = [row["run"] for name, row in found if name == "none"]

@@ -22,10 +22,10 @@ NEAR = (0.45, 0.12)
 
 
 MAX_LETTERS = 24
-"""Beside a point."""
+"""Next to a point."""
 
 MAX_NAMED = 6
-"""Targets named beside their points; with more, the names appear only under the mouse."""
+"""Targets named next to their points; with more, the names appear only under the mouse."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _direct(agent: str) -> bool:
 
 
 def _reach(values: Iterable[float]) -> tuple[float, float]:
-    """Return (low, high) of an axis: the range of the values, and space for the names beside the points."""
+    """Return (low, high) of an axis: the range of the values, and space for the names next to the points."""
     every = list(values)
     room = 0.16 * (max(every) - min(every) or 1.0)
     return min(every) - room, max(every) + room

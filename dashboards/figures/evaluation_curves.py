@@ -15,7 +15,7 @@ from orchestrator.analysis.groups import Group
 NAME, TITLE = "curves", "Evaluation curves"
 
 MAX_OTHERS = 2
-"""Configurations of an agent drawn beside its best."""
+"""Configurations of an agent drawn in addition to its best."""
 
 MAX_POINTS = 160
 """Points drawn of a curve, evenly spaced, first and last included; the tables have them all."""
@@ -55,7 +55,7 @@ def chart(findings: Findings) -> Chart | Absent:
 
 
 def _others(findings: Findings, target: str) -> list[Group]:
-    """Return the configurations beside the best, of agents with at most MAX_OTHERS for one kind of source."""
+    """Return the configurations other than the best, of agents with at most MAX_OTHERS for one kind of source."""
     best = {group.id for group in findings.best}
     others = [g for g in findings.groups if g.task == target and g.complete and g.id not in best]
     return [g for g in others if sum((o.agent, o.source) == (g.agent, g.source) for o in others) <= MAX_OTHERS]

@@ -21,7 +21,7 @@ def chart(findings: Findings) -> Matrix | Absent:
     best = {group.key: group for group in in_order(findings.best) if group.against_base}
     columns = [target for target in targets(findings) if any(key.task == target for key in best)]
     if not columns:
-        reason = "No configuration with transfer has every seed done beside the agent without transfer."
+        reason = "No configuration with transfer has every seed done in common with the agent without transfer."
         return Absent(NAME, TITLE, reason)
     order = list(SOURCES)
     rows = sorted(

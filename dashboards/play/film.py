@@ -92,7 +92,7 @@ def write(images: Iterator[Image], path: Path) -> None:
 
 
 def _mp4(images: Sequence[Image], rate: float, path: Path) -> None:
-    height, width = (side - side % 2 for side in images[0].shape[:2])  # an even number of pixels, as H.264 asks
+    height, width = (side - side % 2 for side in images[0].shape[:2])  # an even number of pixels, as H.264 requires
     command = [
         *("ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"),
         *("-r", f"{rate:g}", "-i", "-", "-pix_fmt", "yuv420p", str(path)),

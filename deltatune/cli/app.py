@@ -129,7 +129,7 @@ def options(
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version and its commit.")
     ] = False,
 ) -> None:
-    """Apply the options that stand before a command."""
+    """Apply the options that come before a command."""
     context.obj = {"quiet": quiet}
     if verbose:
         handler = logging.StreamHandler()

@@ -77,7 +77,7 @@ Address = Annotated[
 Local = Annotated[
     bool,
     typer.Option(
-        "--local", help="Run without Ray: in this process, or in --workers processes beside it.", rich_help_panel=HOW
+        "--local", help="Run without Ray: in this process, or in --workers separate processes.", rich_help_panel=HOW
     ),
 ]
 CheckpointEvery = Annotated[float, _number(HOW, "SECONDS", 0, MAX_SECONDS, "Time between checkpoints of a long cell.")]

@@ -163,7 +163,7 @@ def _text(row: pd.Series, column: str) -> str:
 
 
 def _paired(done: pd.DataFrame, without: pd.DataFrame | None) -> pd.DataFrame | None:
-    """Return the done cells beside those of the agent without transfer at the same seeds; None where there are none."""
+    """Return the done cells joined by seed with those of the agent without transfer; None where there are none."""
     if without is None:
         return None
     both = done.merge(per_seed(without), on="seed", suffixes=("", "_base")).sort_values("seed")

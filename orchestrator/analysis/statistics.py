@@ -35,7 +35,7 @@ class Estimate:
     low: float | None
     high: float | None
     sd: float | None = None
-    """Standard deviation over seeds, where it is shown beside the number."""
+    """Standard deviation over seeds, where it is shown next to the number."""
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def _join(address: str) -> None:
 
 
 def stage_code(folder: Path) -> Path:
-    """Copy the packages, and nothing beside them, to `folder`, with a file on their version and commit."""
+    """Copy the packages, and nothing else, to `folder`, with a file on their version and commit."""
     root = packages_folder()
     for package in PACKAGES:
         shutil.copytree(root / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))

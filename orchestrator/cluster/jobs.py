@@ -24,7 +24,7 @@ from trainables.errors import InputError
 from trainables.plugins.loader import packed
 
 SPACE_FILE = "space.yaml"
-"""The file of the search space, beside the code of the job."""
+"""The file of the search space, next to the code of the job."""
 
 FILE_OPTIONS = ("--params", "--source")
 """Options of `sweep` whose value may be a file."""
@@ -105,7 +105,7 @@ def check_storage(head: Any, storage: str) -> None:
             time.sleep(0.5)
     said = [line[len(_MARK) :] for line in head.get_job_logs(job).splitlines() if line.startswith(_MARK)]
     if not said:
-        raise SweepError(f"the cluster could not be asked about {storage}: its job ended as {status.value}")
+        raise SweepError(f"the cluster could not be queried about {storage}: its job ended as {status.value}")
     answer: dict[str, Any] = json.loads(said[-1])
     if "error" in answer:
         raise InputError(f"the cluster cannot use {storage}: {answer['error']}")

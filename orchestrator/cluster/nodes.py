@@ -43,7 +43,7 @@ def capacity(resources: Resources, patience: float = 0.0) -> int:
         alive = [node["Resources"] for node in _nodes() if node["Alive"]]
         most = {name: max((there.get(name, 0.0) for there in alive), default=0.0) for name in wanted}
         asked, given = (", ".join(f"{name} {_amount(name, x)}" for name, x in d.items()) for d in (wanted, most))
-        raise InputError(f"a cell fits on no node: it asks for {asked}; the most that a node has is {given}")
+        raise InputError(f"a cell fits on no node: it requires {asked}; the most that a node has is {given}")
     return fits
 
 

@@ -22,7 +22,7 @@ from trainables.storage.folders import make_folder
 
 
 def write(folder: Path, sweeps: Sequence[Results], remarks: str = "") -> Dataset:
-    """Write the done cells of `sweeps` to the dataset `folder`, beside its other sweeps, and return it.
+    """Write the done cells of `sweeps` to the dataset `folder`, next to its other sweeps, and return it.
 
     remarks: Markdown for the data card. Raises InputError for a sweep without a done cell, or a folder with files that
     do not belong to a dataset.

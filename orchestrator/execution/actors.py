@@ -23,7 +23,7 @@ from trainables.training.policy import Policy, source_policy
 from trainables.training.train import source_knowledge, train
 
 MAX_SOURCES = 3
-"""Sources shown beside an agent that chooses among several."""
+"""Sources shown with an agent that chooses among several."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ class Interrupt:
     """The instance of the stage that runs in this process, if any."""
 
     def __init__(self, now: Callable[[], None], checkpoints: Path | None = None) -> None:
-        self.asked = False
+        self.requested = False
         self._now = now
         self._file = checkpoints / STOP if checkpoints else None
         self._over = threading.Event()
@@ -57,17 +57,15 @@ class Interrupt:
             self._file.unlink(missing_ok=True)
 
     def _signal(self, number: int, frame: FrameType | None) -> None:
-        if self.asked:
+        if self.requested:
             self._now()
             return
-        self.asked = True
+        self.requested = True
         threading.Thread(target=self._ask, args=(number,), daemon=True).start()
 
     def _ask(self, number: int) -> None:
         """Ask the workers to stop, and end the stage after GRACE_SECONDS if it still runs."""
-        log.warning(
-            "asked to stop: running cells have %.0f s to be checkpointed; a second signal ends them", GRACE_SECONDS
-        )
+        log.warning("stopping: running cells have %.0f s to be checkpointed; a second signal ends them", GRACE_SECONDS)
         if self._file is not None:
             try:
                 self._file.write_bytes(b"")
@@ -80,5 +78,5 @@ class Interrupt:
 def stop_now() -> None:
     """End the stage that runs in this process, if any, without asking its workers, which may serve another driver."""
     if (stage := Interrupt.active) is not None:
-        stage.asked = True
+        stage.requested = True
         os.kill(os.getpid(), signal.SIGTERM)

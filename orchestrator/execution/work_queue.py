@@ -119,7 +119,7 @@ class WorkQueue:
         return not self.running and (self.stopping or nothing)
 
     def on_started(self, trial: str, pid: int, node: str) -> None:
-        """Note that a pack's worker has begun its first cell; ignored if the pack was given up before the report."""
+        """Note that a pack's worker has started its first cell; ignored if the pack was given up before the report."""
         if (running := self.running.get(trial)) is None:
             return
         running.pid, running.node, running.since = pid, node, clock.monotonic()

@@ -35,7 +35,7 @@ SETTLE_SECONDS = 2.0
 """Seconds to wait before checking whether another driver took the lease at the same moment."""
 
 SLOW_SECONDS = 1.0
-"""A write that takes longer may have replaced the lease of a driver that took it meanwhile and has begun to work."""
+"""A write that takes longer may have replaced the lease of a driver that took it meanwhile and has started to work."""
 
 Who = dict[str, Any]
 
@@ -137,7 +137,7 @@ def driver(folder: Path) -> str | None:
 def _held(folder: Path, lock: str, file: str, what: str, on_lost: Callable[[], None] = lambda: None) -> Iterator[Hold]:
     with _file_lock(folder, lock, file, what) if is_local(folder) else _lease(folder, file, what) as hold:
         gone = threading.Event()
-        keeper = clock.beside(partial(_keep, hold, gone, on_lost), "lease")
+        keeper = clock.in_background(partial(_keep, hold, gone, on_lost), "lease")
         try:
             yield hold
         finally:

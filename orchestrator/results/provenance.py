@@ -14,7 +14,7 @@ import orchestrator
 PACKAGES = ("deltatune", "ray", "torch", "gymnasium", "numpy", "scipy", "numba", "mlflow")
 
 STAGED_FILE = "deltatune-provenance.json"
-"""The file with version and commit beside a copy of the packages on a cluster."""
+"""The file with version and commit next to a copy of the packages on a cluster."""
 
 
 @functools.cache
@@ -48,7 +48,7 @@ def commit() -> str:
 
 
 def write_staged(folder: Path) -> None:
-    """Write commit and version to `folder`, beside a copy of the packages without git and metadata."""
+    """Write commit and version to `folder`, next to a copy of the packages without git and metadata."""
     data = {"commit": commit(), "version": versions().get("deltatune", "")}
     (folder / STAGED_FILE).write_text(json.dumps(data))
 
@@ -59,7 +59,7 @@ def packages_folder() -> Path:
 
 
 def _staged() -> dict[str, str]:
-    """Return what `write_staged` has written beside this code; empty outside such a copy."""
+    """Return what `write_staged` has written next to this code; empty outside such a copy."""
     try:
         data: dict[str, str] = json.loads((packages_folder() / STAGED_FILE).read_text())
     except (OSError, ValueError):

@@ -76,14 +76,14 @@ class JsonLines:
             self._line("configuration", group.id, {**numbers(group), "hyperparameters": dict(group.hyperparameters)})
             for group in findings.groups
         ]
-        beside = self._path.with_name(f".{self._path.name}")
-        with beside.open("wb") as file:
+        temporary = self._path.with_name(f".{self._path.name}")
+        with temporary.open("wb") as file:
             for number, (key, _, line) in enumerate(self._lines()):
                 if key[0] == "cell" and key[1] in of and last[key] == number:
                     file.write(line)
             file.writelines([*rows, self._of_sweep("FINISHED")])
         self._check()
-        beside.replace(self._path)
+        temporary.replace(self._path)
 
     def end(self, status: str) -> None:
         """Append a line with the sweep's final status."""

@@ -58,7 +58,7 @@ class Tracker:
     def record(self, stage: str, record: Record) -> None:
         """Queue the record of an ended cell."""
         if self._thread is None:
-            self._thread = clock.beside(self._work, self.kind.key)
+            self._thread = clock.in_background(self._work, self.kind.key)
         try:
             self._queue.put_nowait((stage, record))
         except queue.Full:

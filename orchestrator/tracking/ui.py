@@ -45,7 +45,7 @@ def serve(uri: str, host: str, port: int, console: Console) -> int:
 def leaderboards(uri: str) -> dict[str, str]:
     """Return the path of each experiment's leaderboard by the experiment's name, the latest first.
 
-    The link asks for the page of training runs; otherwise MLflow opens its page for generative AI.
+    The link selects the page of training runs; otherwise MLflow opens its page for generative AI.
     """
     found = connect(uri).search_experiments(filter_string=f"name LIKE '{FAMILY}%'", order_by=["last_update_time DESC"])
     key = LEADERBOARD.key

@@ -42,7 +42,7 @@ SAID: dict[str, Any] = {
 }
 
 
-def test_every_part_stands_beside_a_peer_or_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_part_is_compared_with_a_peer_or_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(suite, "_json", lambda module, *words: SAID[module])
     rows = {(row.name, row.beside): row for part in suite.PARTS.values() for row in part(False)}
     found = {key: round(row.ratio, 3) for key, row in rows.items()}
@@ -69,7 +69,7 @@ def test_two_runs_are_compared_by_figure_and_by_ratio(tmp_path: Path) -> None:
     b = written("b", Row(FAST.name, 150.0, FAST.unit, "peer", 50.0), Row("new", 1.0, "s", "peer", 1.0))
     lines = compared(read(a)[1], read(b)[1])
     assert lines[1].split()[-2:] == ["0.50", "1.00"], "half as fast, on a machine that is half as fast"
-    assert lines[2:] == ["step beside peer: only in A", "new beside peer: only in B"]
+    assert lines[2:] == ["step compared with peer: only in A", "new compared with peer: only in B"]
     command = [sys.executable, "-m", "benchmarks.compare", str(a), str(tmp_path / "missing")]
     refused = subprocess.run(command, capture_output=True, text=True)
     assert (refused.returncode, "missing' is not a file written by" in refused.stderr) == (2, True)

@@ -75,7 +75,7 @@ def test_a_second_ctrl_c_does_not_wait(tmp_path: Path, words: tuple[str, ...]) -
     with driver(tmp_path, "--no-mlflow", *words, **slow) as process:
         wait_for(lambda: "a worker has started" in log(tmp_path), process)
         process.send_signal(signal.SIGINT)
-        wait_for(lambda: "asked to stop" in log(tmp_path), process)
+        wait_for(lambda: "stopping: running cells" in log(tmp_path), process)
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
     assert process.returncode == 130

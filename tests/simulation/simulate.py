@@ -203,7 +203,7 @@ class User:
                     world.violated("what was recorded is not there any more")
                 tally = now.run(settings)
                 if tally.left:
-                    if not driver.asked:
+                    if not driver.requested:
                         world.violated(f"{tally.left} cells are left by a driver that nobody asked to stop")
                     return "interrupted"
                 now.finish(now.results, [])  # type: ignore[arg-type]
@@ -332,14 +332,14 @@ def in_virtual_time(world: World, storage: Path) -> Iterator[tuple[Disk, Store]]
     patches: list[Patch] = [
         *(
             (clock, name, getattr(world, name))
-            for name in ("time", "monotonic", "since_boot", "sleep", "wait", "take", "beside")
+            for name in ("time", "monotonic", "since_boot", "sleep", "wait", "take", "in_background")
         ),
         *(
             (disk, name, getattr(files, name))
             for name in ("create", "extend", "write", "sync", "truncate", "replace", "remove", "put", "sync_folder")
         ),
         (stage, "executor", executor),
-        (session, "stop_now", lambda: setattr(world.driver, "asked", True)),
+        (session, "stop_now", lambda: setattr(world.driver, "requested", True)),
         (session, "_signals", contextlib.nullcontext),
         (mirror, "Mirror", store.mirror),
         (tracker, "sync", store.sync),

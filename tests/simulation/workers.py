@@ -70,7 +70,7 @@ class Workers:
         assert driver is not None
         events: list[tuple[float, int, str, Report | str]] = []
         while True:
-            queue.stopping = queue.stopping or driver.asked
+            queue.stopping = queue.stopping or driver.requested
             while (pack := monitor.next(trial := str(next(self._number)))) is not None:
                 self._start(trial, pack, payload.keep, events)
             if not queue.running:

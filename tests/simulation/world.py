@@ -34,7 +34,7 @@ class Driver:
     number: int
     machine: str
     dead: bool = False
-    asked: bool = False
+    requested: bool = False
     """Whether it is to stop: by a signal, or as its lease is lost."""
     frozen: float = 0.0
     """Until when its process does not run."""
@@ -175,7 +175,7 @@ class World:
         if self.chance("clock jump"):
             self.jumps[driver.machine] = self.random.choice((-1e6, -3600.0, -70.0, 30.0, 3600.0, 1e6))
         if self.chance("interrupt"):
-            driver.asked = True
+            driver.requested = True
 
     def die(self) -> None:
         """End the driver that runs."""
@@ -208,7 +208,7 @@ class World:
         self.pause(seconds, lambda: not items.empty())
         return items.get_nowait()
 
-    def beside(self, work: Callable[[], None], name: str) -> Task:
+    def in_background(self, work: Callable[[], None], name: str) -> Task:
         def guarded() -> None:
             try:
                 work()

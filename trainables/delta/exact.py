@@ -64,7 +64,7 @@ def exact_delta(target: TransitionModel, q_src: Array, gamma: float, policy: NDA
     This is the fixed point of eq. (2), with V_src(s') = max_b Q_src(s',b), or Q_src(s',policy(s')) under a `policy`
     (S,), and 0 at a terminal s'. The paper's definition compares only transition probabilities; where the expected
     reward depends on the dynamics too (supply chain) the two differ, and only this form satisfies
-    Q_trg - Q_src = delta + gamma E_trg[V_trg - V_src], hence Theorems 1 and 3.
+    Q_trg - Q_src = delta + gamma E_trg[V_trg - V_src]; Theorems 1 and 3 follow.
     """
     v_src = q_src.max(axis=1) if policy is None else q_src[np.arange(len(q_src)), policy]
     v_src = np.where(target.terminal, 0.0, v_src)

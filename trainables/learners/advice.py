@@ -188,7 +188,7 @@ class SourceAdvantage(Advice):
     def advised_statistics(self) -> dict[str, float]:
         """Return the mean factor at the advised states, without kappa, and with a delta network max_a |delta| there.
 
-        Where the factor is not the paper's exp(-max_a |delta|), the mean of that beside it.
+        Where the factor is not the paper's exp(-max_a |delta|), the mean of that too.
         """
         return advised_statistics(self.advised, self.follows().delta is not None)
 

@@ -39,7 +39,7 @@ NO_DELTA = np.zeros(0, np.float32)
 def advised_statistics(advised: F64, with_delta: bool) -> dict[str, float]:
     """Return the mean factor of the steps that `take_note` counted, and `with_delta` also max_a |delta|; {} of none.
 
-    Where the factor is not the paper's exp(-max_a |delta|), the mean of that beside it.
+    Where the factor is not the paper's exp(-max_a |delta|), the mean of that too.
     """
     steps, factors, sizes, papers = advised.tolist()
     if not steps:

@@ -63,13 +63,13 @@ class DeepLearner:
         generator = torch.Generator()
         generator.manual_seed(int(seed_sequence(cell.seed, "network_init", cell.task).generate_state(1)[0]))
         self._q = new_network(settings, *shape, settings.learning_rate, generator)
-        self._target = new_network(settings, *shape, settings.learning_rate, beside=self._q)
+        self._target = new_network(settings, *shape, settings.learning_rate, shares_with=self._q)
         self._target.load_vector(self._q.vector())
         self._delta: Network | None = None
         if self._strategy.learns_delta:
             squared = settings.model_copy(update={"loss": "squared"})  # the loss of eq. (4), whatever that of Q
             rate = getattr(settings, "delta_learning_rate", settings.learning_rate)
-            self._delta = new_network(squared, *shape, rate, generator, beside=self._q)
+            self._delta = new_network(squared, *shape, rate, generator, shares_with=self._q)
 
     @property
     def _strategy(self) -> type[Advice]:

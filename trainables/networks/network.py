@@ -65,9 +65,9 @@ def new_network(
     learning_rate: float,
     generator: torch.Generator | None = None,
     hidden: tuple[int, ...] | None = None,
-    beside: Network | None = None,
+    shares_with: Network | None = None,
 ) -> Network:
-    """Return a network for these settings; `hidden` replaces their layers. beside: see `QNetwork`."""
+    """Return a network for these settings; `hidden` replaces their layers. shares_with: see `QNetwork`."""
     layers = (settings.hidden_size,) * settings.hidden_layers if hidden is None else hidden
     if settings.module or settings.device != "cpu":
         from trainables.networks.torch_qnetwork import TorchNetwork
@@ -80,12 +80,12 @@ def new_network(
         max_gradient_norm=settings.max_gradient_norm,
         huber=settings.loss == "huber",
         generator=generator,
-        beside=beside if isinstance(beside, QNetwork) else None,
+        shares_with=shares_with if isinstance(shares_with, QNetwork) else None,
     )
 
 
 def source_network(
-    knowledge: Knowledge, checkpoint: str, settings: DQN, inputs: int, actions: int, beside: Network | None = None
+    knowledge: Knowledge, checkpoint: str, settings: DQN, inputs: int, actions: int, shares_with: Network | None = None
 ) -> Network:
     """Return the source's network, its `checkpoint` 'last' or 'best'.
 
@@ -104,7 +104,9 @@ def source_network(
         raise InputError("the source's network is of another kind than the agent's `module`")
     if not np.isfinite(vector).all():
         raise InputError("the source's network holds a NaN or an infinity")
-    network = new_network(settings, inputs, actions, 1.0, hidden=tuple(sizes[1:-1]) if sizes else None, beside=beside)
+    network = new_network(
+        settings, inputs, actions, 1.0, hidden=tuple(sizes[1:-1]) if sizes else None, shares_with=shares_with
+    )
     if len(vector) != len(network.vector()):
         raise InputError(f"the source's network has {len(vector)} parameters, but {len(network.vector())} are needed")
     network.load_vector(vector)

@@ -30,12 +30,12 @@ class QNetwork:
         max_gradient_norm: float = 10.0,
         huber: bool = False,
         generator: torch.Generator | None = None,
-        beside: QNetwork | None = None,
+        shares_with: QNetwork | None = None,
     ) -> None:
         """sizes: inputs, hidden layers, actions. generator: draws the Xavier weights; without one they are 0.
 
-        beside: a network in the same thread whose workspace this one shares if the sizes are equal; two networks that
-        are trained in turn then use less of the processor's cache.
+        shares_with: a network in the same thread whose workspace this one shares if the sizes are equal; two networks
+        that are trained in turn then use less of the processor's cache.
         """
         self.sizes = np.array(sizes, dtype=np.int64)
         self.parameters = aligned(parameter_count(self.sizes))
@@ -43,8 +43,8 @@ class QNetwork:
         self.updates = 0
         self._settings = learning_rate, max_gradient_norm, huber
         self._work: Workspace
-        if beside is not None and np.array_equal(beside.sizes, self.sizes):
-            self._work = beside._work
+        if shares_with is not None and np.array_equal(shares_with.sizes, self.sizes):
+            self._work = shares_with._work
         else:
             self._work = workspace(self.sizes, max(batch_size, 64))
         self._trained = self.sizes, self.parameters, self.first, self.second, self._work

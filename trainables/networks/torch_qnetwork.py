@@ -36,7 +36,7 @@ class TorchNetwork:
         """
         one_thread()  # here too, since torch's sums depend on the number of threads
         if settings.device == "cuda" and not torch.cuda.is_available():
-            raise InputError("device 'cuda' was asked for, but torch finds no GPU")
+            raise InputError("device 'cuda' was requested, but torch finds no GPU")
         self._device = torch.device(settings.device)
         sizes = () if settings.module else (inputs, *hidden, actions)
         self.sizes = np.array(sizes, dtype=np.int64)

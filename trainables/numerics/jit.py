@@ -75,7 +75,7 @@ def _remove_unused(folder: Path) -> None:
 
 
 class Place:
-    """Where the kernels of a file are cached, as numba asks: by the file's path in the package, not on the disk."""
+    """Where the kernels of a file are cached, as numba requires: by the file's path in the package, not on the disk."""
 
     def __init__(self, folder: str, file: Path, line: int) -> None:
         package = Path(__file__).parents[1]
@@ -102,7 +102,7 @@ class Place:
         return _digest(self._py_file.read_bytes())
 
     def get_disambiguator(self) -> str:
-        """Return what tells two functions of one name in one file apart."""
+        """Return what distinguishes two functions of one name in one file."""
         return str(self._line)
 
 

@@ -17,14 +17,14 @@ def write_atomic(path: Path, data: bytes) -> None:
     if not is_local(path):
         disk.put(path, data)
         return
-    beside = path.parent / f".{path.name}.{secrets.token_hex(6)}"
+    temporary = path.parent / f".{path.name}.{secrets.token_hex(6)}"
     try:
-        with disk.create(beside) as file:
+        with disk.create(temporary) as file:
             disk.write(file, data)
             disk.sync(file)
-        disk.replace(beside, path)
+        disk.replace(temporary, path)
     except BaseException:
-        disk.remove(beside)
+        disk.remove(temporary)
         raise
     disk.sync_folder(path.parent)
 

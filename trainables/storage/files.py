@@ -36,4 +36,4 @@ def _size(path: Path) -> int:
     found = os.stat(path)
     if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
         raise InputError(f"cannot read {path}: it is a pipe or a device, not a file")
-    return 0 if stat.S_ISDIR(found.st_mode) else found.st_size  # reading a folder says what it is
+    return 0 if stat.S_ISDIR(found.st_mode) else found.st_size  # reading a folder raises an error that names it

@@ -108,5 +108,5 @@ def run_cells(config: Config, payload: WorkerPayload) -> None:
     tell(Started(os.getpid(), ray.get_runtime_context().get_node_id()))
     cells = [Cell.from_json(data) for data in config["cells"]]
     stop = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)
-    with forwarded_log(tell) as told:
-        run_pack(cells, bool(config.get("together")), payload, told, stop)
+    with forwarded_log(tell) as send:
+        run_pack(cells, bool(config.get("together")), payload, send, stop)

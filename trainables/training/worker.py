@@ -58,7 +58,7 @@ class WorkerPayload:
 
 @dataclass(frozen=True)
 class Started:
-    """A worker has begun its pack."""
+    """A worker has started its pack."""
 
     pid: int
     node: str
@@ -156,11 +156,11 @@ def _run_in_turn(cells: Sequence[Cell], source: GiveSource, options: dict[str, A
 
 def _run_together(runs: Sequence[CellRun], tell: Tell, stop: Stop) -> None:
     """Run the seeds of a configuration in lockstep until they end or early stopping ends them."""
-    told = {run.cell.id: 0 for run in runs}
+    reported = {run.cell.id: 0 for run in runs}
     try:
         for rung in lockstep(runs, stop):
-            points = tuple((run.cell.id, run.points(told[run.cell.id])) for run in runs)
-            told = {run.cell.id: run.evaluations for run in runs}
+            points = tuple((run.cell.id, run.points(reported[run.cell.id])) for run in runs)
+            reported = {run.cell.id: run.evaluations for run in runs}
             tell(Reached(rung.evaluations, rung.score, points))
         if ended := tuple(run.outcome() for run in runs if run.ended):
             tell(Ended(ended))
@@ -209,12 +209,12 @@ def forwarded_log(tell: Tell) -> Iterator[Tell]:
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
 
-    def told(report: Report) -> None:
+    def send(report: Report) -> None:
         handler.flush_to(tell)
         tell(report)
 
     try:
-        yield told
+        yield send
         handler.flush_to(tell)
     finally:
         logger.removeHandler(handler)

@@ -86,9 +86,9 @@ def _serve(connection: Connection) -> None:
         connection.send(Started(os.getpid(), "local"))
         connection.recv()  # from here on the driver handles errors
         try:
-            with forwarded_log(tell) as told:
+            with forwarded_log(tell) as send:
                 cells = [Cell.from_json(data) for data in message.cells]
-                run_pack(cells, message.together, replace(payload, sources=sources), told, stop)
+                run_pack(cells, message.together, replace(payload, sources=sources), send, stop)
         except PackStoppedError:
             pass
         connection.send(Completed())

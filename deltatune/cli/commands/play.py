@@ -31,7 +31,7 @@ def play(
     tracking_uri: TrackingUri = None,
     as_json: Json = False,
 ) -> None:
-    """Film one episode of a greedy policy, beside its source's greedy policy on the same task.
+    """Film one episode of a greedy policy, next to its source's greedy policy on the same task.
 
     The windy gridworld is drawn with its wind, the path, and |delta| over its states; other tasks with their own
     rendering. An agent of the transfer stage is first trained again, which gives the same bits.

@@ -86,7 +86,7 @@ class _Stage:
             raise _Unwound
 
     def _stop(self) -> bool:
-        if self._interrupt.asked:
+        if self._interrupt.requested:
             self._monitor.queue.stopping = True
             return True
         if self._monitor.overdue():

@@ -93,7 +93,7 @@ class _Stage:
     def run(self, interrupt: Interrupt) -> None:
         """Hand out packs and process reports until nothing is left or an interrupt ends the stage."""
         while not self._ended_now:
-            self._monitor.queue.stopping |= interrupt.asked
+            self._monitor.queue.stopping |= interrupt.requested
             while self._hand_out():
                 pass
             busy = [process for process in self._processes if process.trial is not None]

@@ -119,7 +119,7 @@ class SweepCallback(_Unsaved, tune.Callback):
             assert running.node is not None
             assert running.pid is not None
             nodes.kill(running.node, running.pid)
-        if self._interrupt.asked:
+        if self._interrupt.requested:
             queue = self._monitor.queue
             queue.stopping = True
             if not queue.running:
@@ -140,8 +140,8 @@ def _cause(error_file: str | None) -> str:
         text = ""
     if "OutOfMemory" in text or "running low on memory" in text:
         return "its node ran out of memory; fewer --workers, or --memory-per-cell, leave each cell more"
-    told = [line.strip() for line in text.splitlines() if line.strip()]
-    for line in told:
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    for line in lines:
         if line.startswith("ray.exceptions.") or "Error: " in line:
             return line.removeprefix("ray.exceptions.")[:500]
-    return told[-1][:500] if told else "the cause is unknown"
+    return lines[-1][:500] if lines else "the cause is unknown"

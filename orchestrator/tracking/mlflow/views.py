@@ -15,7 +15,7 @@ PREFIX = "mlflow.sharedViewState."
 _PIXELS = {"AUC": 112, "transfer_ratio": 125, "verdict": 85, "task": 230, "source": 85, "difference": 150, "place": 70}
 
 WIDTHS = {f"tags.`{name}`": width for name, width in (_PIXELS | {"agent": 130}).items()}
-"""Widths of columns in pixels; a window of 1000 shows the first three of the leaderboard beside the names."""
+"""Widths of columns in pixels; a window of 1000 shows the first three of the leaderboard next to the names."""
 
 
 @dataclass(frozen=True)

@@ -120,9 +120,9 @@ def test_an_interrupt_waits_once_and_its_timer_ends_with_the_stage(monkeypatch: 
     monkeypatch.setattr(interrupt, "GRACE_SECONDS", 0.2)
     ended = threading.Event()
     before = signal.getsignal(signal.SIGINT)
-    with Interrupt(ended.set) as asked:
+    with Interrupt(ended.set) as stage:
         os.kill(os.getpid(), signal.SIGINT)
-        assert asked.asked
+        assert stage.requested
         assert ended.wait(10), "the grace is over"
     ended.clear()
     with Interrupt(ended.set):

@@ -1,4 +1,4 @@
-"""Kickstarting: Q learns towards the source's policy beside its targets."""
+"""Kickstarting: Q learns from the source's policy in addition to its targets."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class RelativeDelta(DeltaShaping):
         """Return delta_0, trained like delta but on transitions of the source's own task."""
         settings = self.settings.model_copy(update={"loss": "squared"})
         shape = seen.observations.shape[1], self.source.rows(seen.observations[:1]).shape[1]
-        network = new_network(settings, *shape, settings.delta_learning_rate, generator, beside=q)
+        network = new_network(settings, *shape, settings.delta_learning_rate, generator, shares_with=q)
         targets = delta_samples(self.source, seen, settings.gamma)
         for _ in range(settings.floor_updates):
             at = rng.integers(len(targets), size=settings.batch_size)

@@ -1,4 +1,4 @@
-"""Kickstarting: distillation of the source's policy beside Q-learning."""
+"""Kickstarting: distillation of the source's policy in addition to Q-learning."""
 
 from __future__ import annotations
 
