@@ -12,8 +12,8 @@ from benchmarks.reproduction.claims import Arm
 from orchestrator.dataset.dataset import Dataset
 from trainables.tasks.registry import parse_task
 
-FIRST = 0.1
-"""Share of the training that `first_tenth` is the AUC of."""
+EARLY = {"first_tenth": 0.1, "early": 0.3}
+"""Column to the share of the training that it is the AUC of; nearly all of a deep agent's advice acts in the latter."""
 
 
 class Curves:
@@ -24,8 +24,11 @@ class Curves:
         cells["settings"] = [json.loads(cell)["hyperparameters"] for cell in cells["cell"]]
         points = dataset.points(list(cells["cell_id"]))
         ends = points.groupby("cell_id")["episode"].transform("max")
-        early = points[points["episode"] <= FIRST * ends].groupby("cell_id")["greedy_return"].mean()
-        cells["first_tenth"] = cells["cell_id"].map(early)
+        for column, share in EARLY.items():
+            early = points[points["episode"] <= share * ends].groupby("cell_id")["greedy_return"].mean()
+            cells[column] = cells["cell_id"].map(early)
+        advised = points.groupby("cell_id")["advised_factor"].mean() if "advised_factor" in points else {}
+        cells["factor"] = cells["cell_id"].map(advised)
         self._cells, self._points = cells, points
 
     def points(self, target: str, arm: Arm) -> pd.DataFrame:

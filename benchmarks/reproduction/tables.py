@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 from benchmarks.reproduction.claims import DEMANDS, DQN, MARGIN, REVERSED, SMALL, Arm, Claim, Q
@@ -79,16 +80,19 @@ def _ratio(first: list[float], base: list[float]) -> str:
 
 
 def early(curves: Curves) -> str:
-    """Return the AUC of the first tenth of the training, and its difference from dqn; empty where nothing was run."""
+    """Return the early AUC, and its difference from dqn; empty where nothing was run."""
     rows = []
     for target in ROWS:
         for agent in (*AGENTS[1:], *OTHERS):
-            first, base = curves.paired(target, Arm(agent), DQN, "first_tenth")
+            first, base = curves.paired(target, Arm(agent), DQN, "early")
             if len(first) > 1:
                 digits = 2 if abs(statistics.mean(base).value) < 10 else 1
                 means = (f"{statistics.mean(side).value:.{digits}f}" for side in (base, first))
-                rows.append((target, agent, len(first), *means, interval(statistics.difference(first, base), digits)))
-    return markdown(("target", "agent", "seeds", "dqn", "agent's", "difference [95 %]"), rows) if rows else ""
+                factor = curves.best(target, Arm(agent))["factor"].mean()
+                gap = interval(statistics.difference(first, base), digits)
+                rows.append((target, agent, len(first), *means, gap, "-" if math.isnan(factor) else f"{factor:.2f}"))
+    head = ("target", "agent", "seeds", "dqn", "agent's", "difference [95 %]", "factor of the advice")
+    return markdown(head, rows) if rows else ""
 
 
 def tabular(curves: Curves) -> str:
