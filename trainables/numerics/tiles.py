@@ -7,6 +7,7 @@ product can skip what is known to be zero.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -31,6 +32,121 @@ STORE, BIAS, RELU, MASK = range(4)
 """The operation on the sums: none; add the row's bias; add it and apply a ReLU; set to 0 where `other` is not > 0."""
 
 
+class _TileCode:
+    """Emits the instructions of one tile of `rows` rows; its arguments are those of `_tile`."""
+
+    def __init__(self, rows: int, context: Any, builder: Any, kinds: dict[str, Any], values: dict[str, Any]) -> None:
+        self.rows, self.context, self.builder, self.kinds, self.values = rows, context, builder, kinds, values
+        self.vector = ir.VectorType(ir.FloatType(), WORD)
+        self.fma = vector_fma(builder, self.vector)
+        self.number = values["k"].type
+
+    def emit(self) -> None:
+        """Emit the sums, then for each kind of `finish` what is applied to them, and the writing of the block."""
+        sums = self.sums()
+        places = [self.builder.load(self.gep(self.at("c_at", "i"), r)) for r in range(self.rows)]
+        finishes: tuple[tuple[int, Callable[[], list[Any]]], ...] = (
+            (BIAS, lambda: self.biased(sums)),
+            (RELU, lambda: self.rectified(sums)),
+            (MASK, lambda: self.masked(sums, places)),
+        )
+        after = self.builder.append_basic_block("written")
+        for kind, results in finishes:
+            yes, no = self.builder.append_basic_block("finish"), self.builder.append_basic_block("other")
+            self.builder.cbranch(self.builder.icmp_signed("==", self.values["finish"], self.constant(kind)), yes, no)
+            self.builder.position_at_end(yes)
+            self.write(results(), places)
+            self.builder.branch(after)
+            self.builder.position_at_end(no)
+        self.write(sums, places)
+        self.builder.branch(after)
+        self.builder.position_at_end(after)
+
+    def constant(self, value: int) -> Any:
+        return ir.Constant(self.number, value)
+
+    def at(self, array: str, offset: str) -> Any:
+        """Return the address of the element of an array at the value of another argument."""
+        return pointer(self.context, self.builder, self.kinds[array], self.values[array], self.values[offset])
+
+    def gep(self, address: Any, elements: int) -> Any:
+        """Return the address so many elements further."""
+        return self.builder.gep(address, [self.constant(elements)])
+
+    def sums(self) -> list[Any]:
+        """Return the vectors of A @ B, row by row."""
+        builder = self.builder
+        a_origin, b_origin = self.at("a", "a0"), self.at("b", "b0")
+        none = self.constant(0)
+        a_list, b_list = (
+            pointer(self.context, builder, self.kinds[name], self.values[name], none) for name in ("a_at", "b_at")
+        )
+        row_offsets = [builder.mul(self.values["a_row"], self.constant(r)) for r in range(self.rows)]
+
+        def body(index: Any, sums: list[Any]) -> list[Any]:
+            row_of_b = builder.gep(b_origin, [builder.load(builder.gep(b_list, [index]))])
+            column_of_a = builder.gep(a_origin, [builder.load(builder.gep(a_list, [index]))])
+            right = [load(builder, self.gep(row_of_b, v * WORD), self.vector) for v in range(VECTORS)]
+            out = []
+            for r in range(self.rows):
+                fence(builder)
+                left = broadcast(builder, builder.load(builder.gep(column_of_a, [row_offsets[r]])), self.vector)
+                out += [builder.call(self.fma, [left, right[v], sums[r * VECTORS + v]]) for v in range(VECTORS)]
+            return out
+
+        return loop(builder, self.values["k"], [zero(self.vector)] * (self.rows * VECTORS), body)
+
+    def write(self, results: list[Any], places: list[Any]) -> None:
+        """Write the block to C."""
+        for r in range(self.rows):
+            row = self.builder.gep(self.at("c", "c0"), [places[r]])
+            for v in range(VECTORS):
+                store(self.builder, results[r * VECTORS + v], self.gep(row, v * WORD))
+
+    def biased(self, sums: list[Any]) -> list[Any]:
+        """Return the sums with their row's bias."""
+        out = []
+        for r in range(self.rows):
+            index = self.builder.add(self.values["i"], self.constant(r))
+            bias = self.builder.load(self.builder.gep(self.at("other", "other0"), [index]))
+            wide = broadcast(self.builder, bias, self.vector)
+            out += [self.builder.fadd(sums[r * VECTORS + v], wide) for v in range(VECTORS)]
+        return out
+
+    def rectified(self, sums: list[Any]) -> list[Any]:
+        """Return the ReLU of the sums with their bias, and set `alive` of the rows with a result that is not 0."""
+        builder, nothing = self.builder, zero(self.vector)
+        out = [
+            builder.select(builder.fcmp_ordered("<=", value, nothing), nothing, value) for value in self.biased(sums)
+        ]
+        bits = ir.VectorType(ir.IntType(32), WORD)
+        whole = ir.IntType(32 * WORD)
+        for r in range(self.rows):
+            any_bit = builder.bitcast(out[r * VECTORS], bits)
+            for v in range(1, VECTORS):
+                any_bit = builder.or_(any_bit, builder.bitcast(out[r * VECTORS + v], bits))
+            active = builder.icmp_unsigned("!=", builder.bitcast(any_bit, whole), ir.Constant(whole, 0))
+            flag = self.gep(self.at("alive", "i"), r)
+            builder.store(builder.or_(builder.load(flag), builder.zext(active, self.number)), flag)
+        return out
+
+    def masked(self, sums: list[Any], places: list[Any]) -> list[Any]:
+        """Return the sums, 0 where `other` is not > 0."""
+        out = []
+        for r in range(self.rows):
+            row = self.builder.gep(self.at("other", "other0"), [places[r]])
+            for v in range(VECTORS):
+                active = load(self.builder, self.gep(row, v * WORD), self.vector)
+                keep = self.builder.fcmp_ordered(">", active, zero(self.vector))
+                out.append(self.builder.select(keep, sums[r * VECTORS + v], zero(self.vector)))
+        return out
+
+
+ARGUMENTS = (
+    "a", "a0", "a_row", "a_at", "b", "b0", "b_at", "k", "c", "c0", "c_at", "i", "finish", "other", "other0", "alive"
+)  # fmt: skip
+
+
 def _tile(rows: int) -> Any:
     """Return the intrinsic tile(a, a0, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive).
 
@@ -50,88 +166,8 @@ def _tile(rows: int) -> Any:
         )  # fmt: skip
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            a, a0, a_row, a_at, b, b0, b_at, k, c, c0, c_at, i, finish, other, other0, alive = args
-            number = k.type
-            vector = ir.VectorType(ir.FloatType(), WORD)
-            fma = vector_fma(builder, vector)
-            none = ir.Constant(number, 0)
-
-            def at(position: int, array: Any, offset: Any) -> Any:
-                return pointer(context, builder, signature.args[position], array, offset)
-
-            a_origin, b_origin = at(0, a, a0), at(4, b, b0)
-            a_list, b_list = at(3, a_at, none), at(6, b_at, none)
-            row_offsets = [builder.mul(a_row, ir.Constant(number, r)) for r in range(rows)]
-
-            def body(index: Any, sums: list[Any]) -> list[Any]:
-                row_of_b = builder.gep(b_origin, [builder.load(builder.gep(b_list, [index]))])
-                column_of_a = builder.gep(a_origin, [builder.load(builder.gep(a_list, [index]))])
-                right = [
-                    load(builder, builder.gep(row_of_b, [ir.Constant(number, v * WORD)]), vector)
-                    for v in range(VECTORS)
-                ]
-                out = []
-                for r in range(rows):
-                    fence(builder)
-                    left = broadcast(builder, builder.load(builder.gep(column_of_a, [row_offsets[r]])), vector)
-                    out += [builder.call(fma, [left, right[v], sums[r * VECTORS + v]]) for v in range(VECTORS)]
-                return out
-
-            sums = loop(builder, k, [zero(vector)] * (rows * VECTORS), body)
-            places = [
-                builder.load(builder.gep(at(10, c_at, i), [ir.Constant(number, r)])) for r in range(rows)
-            ]  # fmt: skip
-
-            def write(results: list[Any]) -> None:
-                for r in range(rows):
-                    row = builder.gep(at(8, c, c0), [places[r]])
-                    for v in range(VECTORS):
-                        store(builder, results[r * VECTORS + v], builder.gep(row, [ir.Constant(number, v * WORD)]))
-
-            def biased() -> list[Any]:
-                out = []
-                for r in range(rows):
-                    bias = builder.load(builder.gep(at(13, other, other0), [builder.add(i, ir.Constant(number, r))]))
-                    wide = broadcast(builder, bias, vector)
-                    out += [builder.fadd(sums[r * VECTORS + v], wide) for v in range(VECTORS)]
-                return out
-
-            def rectified() -> list[Any]:
-                out = []
-                for value in biased():
-                    out.append(builder.select(builder.fcmp_ordered("<=", value, zero(vector)), zero(vector), value))
-                bits = ir.VectorType(ir.IntType(32), WORD)
-                whole = ir.IntType(32 * WORD)
-                for r in range(rows):
-                    any_bit = builder.bitcast(out[r * VECTORS], bits)
-                    for v in range(1, VECTORS):
-                        any_bit = builder.or_(any_bit, builder.bitcast(out[r * VECTORS + v], bits))
-                    active = builder.icmp_unsigned("!=", builder.bitcast(any_bit, whole), ir.Constant(whole, 0))
-                    flag = builder.gep(at(15, alive, i), [ir.Constant(number, r)])
-                    builder.store(builder.or_(builder.load(flag), builder.zext(active, number)), flag)
-                return out
-
-            def masked() -> list[Any]:
-                out = []
-                for r in range(rows):
-                    row = builder.gep(at(13, other, other0), [places[r]])
-                    for v in range(VECTORS):
-                        active = load(builder, builder.gep(row, [ir.Constant(number, v * WORD)]), vector)
-                        keep = builder.fcmp_ordered(">", active, zero(vector))
-                        out.append(builder.select(keep, sums[r * VECTORS + v], zero(vector)))
-                return out
-
-            after = builder.append_basic_block("written")
-            for kind, results in ((BIAS, biased), (RELU, rectified), (MASK, masked)):
-                yes, no = builder.append_basic_block("finish"), builder.append_basic_block("other")
-                builder.cbranch(builder.icmp_signed("==", finish, ir.Constant(number, kind)), yes, no)
-                builder.position_at_end(yes)
-                write(results())
-                builder.branch(after)
-                builder.position_at_end(no)
-            write(sums)
-            builder.branch(after)
-            builder.position_at_end(after)
+            named = (dict(zip(ARGUMENTS, each, strict=True)) for each in (signature.args, args))
+            _TileCode(rows, context, builder, *named).emit()
             return context.get_dummy_value()
 
         return signature, codegen
