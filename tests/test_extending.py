@@ -117,7 +117,7 @@ def test_a_sweep_with_them_runs_and_is_reported(overlay: Path, tmp_path: Path, s
     assert sum(agent in line for line in (tmp_path / "cells.csv").read_text().splitlines()) == space["seeds"]
     assert not re.search(r"[1-9]\d* failed", shown)
     assert agent in (tmp_path / "r" / str(space["name"]) / "report.html").read_text()
-    assert "final return<br>[95%]" in (tmp_path / "r" / str(space["name"]) / "report.html").read_text()
+    assert "final return <br>[95%]" in (tmp_path / "r" / str(space["name"]) / "report.html").read_text()
     assert "\n  final:\n" in (tmp_path / "r" / str(space["name"]) / "best.yaml").read_text()
     run(overlay, tmp_path, "export", str(space["name"]), "--format", "markdown", "--storage", str(tmp_path / "r"))
     head, _, *lines = (tmp_path / "table.md").read_text().splitlines()

@@ -89,7 +89,7 @@ def without_registry(uri: str) -> str:
     kind = kind_of(uri)
     if kind.has_registry:
         return ""
-    return f"{kind.title} ({uri}) have no registry of trained sources, only MLflow has one"
+    return f"only MLflow has a registry of trained sources, not {kind.title} ({uri})"
 
 
 def _named(text: str) -> Any:

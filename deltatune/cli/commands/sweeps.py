@@ -156,7 +156,7 @@ def sync(name: Sweep, storage: Storage = RESULTS, tracking_uri: TrackingUri = No
     for source in sources:
         out.print(f"Source:   {source}", soft_wrap=True)
     if said := without_registry(uri):
-        out.print(f"{results.name} is in {parent}. {said}.", soft_wrap=True)
+        out.print(f"{results.name} is in {parent}; {said}.", soft_wrap=True)
     else:
         out.print(f"MLflow has {results.name}: {program()} ui --storage {results.storage}", soft_wrap=True)
 

@@ -106,8 +106,8 @@ def test_a_folder_is_made_when_the_first_line_is_written(tmp_path: Path) -> None
     assert not (tmp_path / "new").exists()
 
 
-def test_a_registered_source_is_asked_of_mlflow_alone(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="have no registry of trained sources"):
+def test_a_registered_source_comes_from_mlflow_only(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="only MLflow has a registry of trained sources"):
         pretrained.read(["models:/deltatune-cartpole@best"], space(), f"jsonl:{tmp_path}")
 
 
