@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-import pandas as pd
-
 from dashboards.draw import draw
 from orchestrator.analysis.findings import Findings, find
-from orchestrator.analysis.summary_table import COLUMNS, number_table, row
+from orchestrator.analysis.summary_table import number_table, text_table
 from orchestrator.export.best_params import write_best
 from orchestrator.results.sweep_folder import Results
 from trainables.errors import InputError
@@ -41,7 +39,7 @@ def publish(results: Results) -> Published:
     best.yaml come first; a figure that cannot be drawn affects no other file.
     """
     findings = find(results, results.write_tables())
-    table = pd.DataFrame([row(group) for group in findings.groups], columns=list(COLUMNS))
+    table = text_table(findings.groups)
     there, missing = results.folder, list[str]()
     with staged_folder(there) as folder:
         table.to_csv(folder / "table.csv", index=False)

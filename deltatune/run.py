@@ -30,6 +30,7 @@ def sweep(
     tasks: Sequence[str] = (),
     agents: Sequence[str] = (),
     seeds: int | None = None,
+    confirm: int | None = None,
     hyperparameters: Mapping[str, Any] | None = None,
     workers: int | None = None,
     address: str | None = None,
@@ -42,12 +43,20 @@ def sweep(
     """Run a sweep as `deltatune sweep` does, and return its results; finished cells do not run again.
 
     space: a built-in search space's name, a YAML file, a mapping of the same keys, or a SearchSpace. The other
-    arguments are the command's options: name and storage say where the results are, tasks, agents, seeds and
-    hyperparameters narrow the space, workers, address and local say where cells run. progress: whether to show it.
+    arguments are the command's options: name and storage say where the results are; tasks, agents, seeds and
+    hyperparameters narrow the space; confirm runs what is selected again on so many unseen seeds; workers, address and
+    local say where cells run. progress: whether to show it.
     Raises InputError for bad input, before any work; SweepError for one that stopped (finished cells are kept).
     """
     folder = storage_path(storage or default_storage())
-    chosen = narrow(_space(space), tasks=tasks, agents=agents, seeds=seeds, hyperparameters=dict(hyperparameters or {}))
+    chosen = narrow(
+        _space(space),
+        tasks=tasks,
+        agents=agents,
+        seeds=seeds,
+        confirm=confirm,
+        hyperparameters=dict(hyperparameters or {}),
+    )
     settings = Settings(workers=workers, address=address, local=local, retry_failed=retry_failed)
     uri = store_uri(folder, tracking_uri) if mlflow else None
     console = Console(stderr=True, quiet=not progress, highlight=False, markup=False)

@@ -19,11 +19,12 @@ def narrow(
     tasks: Sequence[str] = (),
     agents: Sequence[str] = (),
     seeds: int | None = None,
+    confirm: int | None = None,
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> SearchSpace:
     """Return the part of `space` with these agents and target tasks: full names, or a family's for all of its targets.
 
-    seeds and hyperparameters replace those of the space. Raises InputError for a name that the space does not have.
+    seeds, confirm and hyperparameters replace those of the space. Raises InputError for an unknown name.
     """
     data: dict[str, Any] = space.to_json()
     tasks, agents = [canonicalise(name) for name in tasks], [canonicalise(name) for name in agents]
@@ -36,6 +37,8 @@ def narrow(
         data["agents"] = {name: options for name, options in data["agents"].items() if name in agents}
     if seeds is not None:
         data["seeds"] = seeds
+    if confirm is not None:
+        data["confirm"] = {"seeds": confirm}
     if not any(agent_named(name).several for name in data["agents"]):
         for scenario in data["scenarios"]:
             scenario["source"]["library"] = []

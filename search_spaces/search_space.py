@@ -15,6 +15,7 @@ from search_spaces.limits import (
     MAX_CELLS,
     MAX_CONFIGURATIONS,
     MAX_SCENARIOS,
+    MAX_SEEDS,
     twice,
 )
 from search_spaces.seeds import Seed, Seeds
@@ -26,6 +27,9 @@ from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
 
 log = logging.getLogger("deltatune.search_spaces")
+
+FIRST_UNSEEN_SEED = 1_000_000
+"""The seeds of a confirmation begin here."""
 
 
 class Scheduler(Strict):
@@ -52,6 +56,13 @@ class Search(Strict):
     """Early stopping; null: every configuration is trained to its end."""
 
 
+class Confirm(Strict):
+    """Run the selected configuration of each arm, and its baseline, again on seeds that had no part in selecting it."""
+
+    seeds: Annotated[int, Field(ge=1, le=MAX_SEEDS)]
+    """How many unseen seeds; they are numbered from 1,000,000 on."""
+
+
 class SearchSpace(Strict):
     """What to sweep: scenarios, agents with their hyperparameters, seeds, and the search method."""
 
@@ -67,6 +78,8 @@ class SearchSpace(Strict):
     hyperparameters: Hyperparameters = Field(default_factory=dict)
     """For every agent of both stages that has them, e.g. {episodes: 500}."""
     search: Search = Search()
+    confirm: Confirm | None = None
+    """Judge what was selected on unseen seeds; None: on the seeds that selected it, which is biased in its favour."""
 
     @model_validator(mode="after")
     def _consistent(self) -> SearchSpace:
@@ -111,6 +124,13 @@ class SearchSpace(Strict):
         sources = (scenario.source.trained(self.seeds) for scenario in self.scenarios)
         return tuple(dict.fromkeys(itertools.chain(self.seeds, *sources)))
 
+    @property
+    def confirm_seeds(self) -> tuple[int, ...]:
+        """The unseen seeds of the confirmation: the same ones however the sweep grows."""
+        taken = set(self.every_seed)
+        unseen = (seed for seed in itertools.count(FIRST_UNSEEN_SEED) if seed not in taken)
+        return tuple(itertools.islice(unseen, self.confirm.seeds if self.confirm else 0))
+
     def to_json(self) -> dict[str, object]:
         """Return the space as plain data; `SearchSpace.model_validate(space.to_json()) == space`."""
         return self.model_dump(mode="json", by_alias=True)
@@ -128,7 +148,9 @@ def _check_size(space: SearchSpace) -> None:
         for agent, options in space.agents.items():
             kinds = [trained if source.pick == "each" and kind == "learned" else 1 for kind in source.kinds]
             crossed = sum(kinds) if agent_named(agent).needs_source else 1
-            asked += len(scenario.targets) * crossed * seeds * _configurations(space, agent, options)
+            unseen = 2 * space.confirm.seeds if space.confirm else 0  # the selected configuration and its baseline
+            each = seeds * _configurations(space, agent, options) + unseen
+            asked += len(scenario.targets) * crossed * each
     if asked > MAX_CELLS:
         raise ValueError(f"it asks for {asked:,} cells, more than {MAX_CELLS:,}: take fewer values, tasks or seeds")
 

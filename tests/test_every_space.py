@@ -205,8 +205,8 @@ def from_forecast_to_replay(small: SearchSpace, tmp_path: Path, monkeypatch: pyt
 
 
 def crossed(space: SearchSpace) -> SearchSpace:
-    """The space with two source networks for every seed, wherever something is learned."""
-    data = space.to_json()
+    """The space with two source networks for every seed, wherever something is learned, and a confirmation."""
+    data = space.to_json() | {"confirm": {"seeds": 2}}
     for scenario in data["scenarios"]:
         if "learned" in scenario["source"]["kinds"]:
             scenario["source"] |= {"pick": "each", "seeds": [0, 7]}
@@ -238,4 +238,7 @@ def test_crossed_source_networks_go_from_forecast_to_replay(
     learned = [group for group in found.best if group.source == "learned"]
     assert learned
     assert {(group.networks, len(group.seeds), group.pick) for group in learned} == {(2, 2, "each")}
+    for group in (group for group in found.best if group.stage == "transfer"):
+        assert group.confirmed is not None
+        assert (group.confirmed.networks, len(group.confirmed.seeds)) == (group.networks, 2)
     assert found.cells["source_seed"].dropna().unique().tolist() == [0, 7]

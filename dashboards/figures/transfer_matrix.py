@@ -18,7 +18,7 @@ MARKS = {"helped": "▲ ", "hurt": "▼ "}
 
 def chart(findings: Findings) -> Matrix | Absent:
     """Return the matrix: a row per source, kind, pick and agent, a column per target; best configurations only."""
-    best = {group.key: group for group in in_order(findings.best) if group.against_base}
+    best = {group.key: group.judged for group in in_order(findings.best) if group.judged.against_base}
     columns = [target for target in targets(findings) if any(key.task == target for key in best)]
     if not columns:
         reason = "No configuration with transfer has every seed done in common with the agent without transfer."
@@ -32,6 +32,8 @@ def chart(findings: Findings) -> Matrix | Absent:
         "Transfer ratio of each agent's best configuration. ▲ transfer helped, ▼ it hurt (negative transfer): the "
     )
     caption += "95 % interval of the paired difference in AUC lies on one side of 0. Without a mark it is undecided."
+    if any(group.confirmed for group in findings.best):
+        caption += " What was confirmed shows the ratio of the unseen seeds."
     return Matrix(
         NAME,
         TITLE,

@@ -18,7 +18,7 @@ from dashboards.figures import (
     sensitivity,
     transfer_matrix,
 )
-from dashboards.labels import SOURCES, minus, targets
+from dashboards.labels import SOURCES, listed, minus, targets
 from dashboards.renderers import plotly_renderer
 from dashboards.report.origin import origin
 from dashboards.report.page import Parts, render
@@ -109,7 +109,13 @@ def _table_lead(findings: Findings) -> str:
         return ""
     text = "The best configuration of each agent by mean AUC over seeds, compared with its baseline without transfer, "
     text += "paired by seed. AUC is the mean of the greedy evaluation curve."
-    if any(selected.tried > 1 for selected in findings.selected.values()):
+    unseen = sorted({len(group.confirmed.seeds) for group in findings.best if group.confirmed})
+    if unseen:
+        text += (
+            f" Confirmed: the same configurations on {listed([str(number) for number in unseen])} unseen seeds, which "
+        )
+        text += "had no part in selecting them. They are the figures to report; verdicts follow them."
+    elif any(selected.tried > 1 for selected in findings.selected.values()):
         text += " Where several were tried, the best was selected on the seeds that also evaluate it: a small bias."
     if any(group.networks > 1 for group in findings.groups):
         text += " A seed that is crossed with several source networks counts once, with their mean: intervals are over "

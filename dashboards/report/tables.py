@@ -16,7 +16,7 @@ from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import TRANSFER_RATIO, Metric
 from orchestrator.analysis.metrics import shown as shown_metrics
 from orchestrator.analysis.paper_table1 import same_row
-from orchestrator.analysis.summary_table import numbers
+from orchestrator.analysis.summary_table import CONFIRMED, CONFIRMED_COLUMNS, numbers
 
 MAX_FAILURES = 300
 """Failed cells listed in the page; the CSV has them all."""
@@ -62,8 +62,15 @@ def table_1(findings: Findings, groups: Sequence[Group], name: str, caption: str
     paper = any(same_row(group) for group in shown)
     columns = [("task", False), ("agent", False), ("source", False), ("settings", False), ("seeds", True)]
     columns += [(metric.heading, True) for metric in shown_metrics("report")]
+    confirmed = any(group.confirmed for group in shown)
+    columns += [(name, True) for name in CONFIRMED_COLUMNS] if confirmed else []
     columns += [("the paper's", True)] if paper else []
-    rows = tuple(_row(group, findings.common) + ((_paper(group),) if paper else ()) for group in shown)
+    rows = tuple(
+        _row(group, findings.common)
+        + (_confirmed(group.confirmed) if confirmed else ())
+        + ((_paper(group),) if paper else ())
+        for group in shown
+    )
     return Table(name, caption, tuple(columns), rows, text_csv(_records(shown)), folded)
 
 
@@ -91,6 +98,13 @@ def _datum(metric: Metric, group: Group) -> Datum:
     return Datum(minus(metric.text(estimate, missing="–")), estimate.value if estimate else None, mark=mark)
 
 
+def _confirmed(found: Group | None) -> tuple[Datum, ...]:
+    """Return what the unseen seeds say of a configuration; the transfer ratio has the mark of that verdict."""
+    if found is None:
+        return (Datum("–"),) * len(CONFIRMED_COLUMNS)
+    return Datum(str(len(found.seeds)), len(found.seeds)), *(_datum(metric, found) for metric in CONFIRMED)
+
+
 def _paper(group: Group) -> Datum:
     row = same_row(group)
     return Datum(minus(str(row)), row.auc) if row else Datum("–")
@@ -112,7 +126,8 @@ def text_csv(records: Sequence[dict[str, Any]]) -> str:
     if not records:
         return ""
     file = io.StringIO()
-    writer = csv.DictWriter(file, list(records[0]), lineterminator="\n")
+    names = list(dict.fromkeys(name for record in records for name in record))
+    writer = csv.DictWriter(file, names, lineterminator="\n")
     writer.writeheader()
     writer.writerows({key: _harmless(value) for key, value in record.items()} for record in records)
     return file.getvalue()

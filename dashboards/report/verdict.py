@@ -59,7 +59,7 @@ class Verdict:
 
 def verdict(findings: Findings, winners: Sequence[Group]) -> Verdict:
     """Return how often transfer helped and hurt, the clearest cases of both, and the best on each target."""
-    counts = Counter(group.verdict for group in findings.best)
+    counts = Counter(group.judged.verdict for group in findings.best)
     surest = {which: _surest(findings, which) for which in ("helped", "hurt")}
     directions = [
         Direction(which, tuple(_headline(group, findings) for group in groups))  # type: ignore[arg-type]
@@ -73,7 +73,8 @@ def verdict(findings: Findings, winners: Sequence[Group]) -> Verdict:
 
 def sureness(group: Group) -> float:
     """Return how far the nearer end of the transfer ratio's interval is from 0; 0 where there is no interval."""
-    ratio = group.against_base.transfer_ratio if group.against_base else None
+    against = group.judged.against_base
+    ratio = against.transfer_ratio if against else None
     if ratio is None or ratio.low is None or ratio.high is None:
         return 0.0
     return max(ratio.low, -ratio.high, 0.0)
@@ -84,19 +85,21 @@ def _surest(findings: Findings, which: str) -> list[Group]:
     candidates = findings.best if which == "helped" else [group for group in findings.groups if group.complete]
     found: dict[object, Group] = {}
     for group in sorted(candidates, key=lambda group: -sureness(group)):
-        if group.verdict == which:
+        if group.judged.verdict == which:
             found.setdefault(group.key, group)
     return list(found.values())[:HEADLINES]
 
 
 def _headline(group: Group, findings: Findings) -> Headline:
-    assert group.against_base is not None
-    assert group.auc is not None
-    ratio, gap = group.against_base.transfer_ratio, group.against_base.difference
+    judged = group.judged
+    assert judged.against_base is not None
+    assert judged.auc is not None
+    ratio, gap = judged.against_base.transfer_ratio, judged.against_base.difference
     effect, interval = DIFFERENCE.text(gap), ""
     if ratio.value is not None:
         effect, _, interval = TRANSFER_RATIO.text(ratio).partition(" ")
-    aucs = f"AUC {group.auc.value:.2f} in place of {group.auc.value - gap.value:.2f} without transfer"
+    aucs = f"AUC {judged.auc.value:.2f} in place of {judged.auc.value - gap.value:.2f} without transfer"
+    aucs += f", on {len(judged.seeds)} unseen seeds" if group.confirmed else ""
     evidence = minus(f"{interval} · {aucs}" if interval else aucs)
     source = f", {SOURCES[group.source]}" if group.source in SOURCES else ""
     what = label(group, findings.common) + source
@@ -106,9 +109,10 @@ def _headline(group: Group, findings: Findings) -> Headline:
 def _remark(group: Group, findings: Findings) -> str:
     """Return a remark on the agent's best configuration, where `group` is another one."""
     best = findings.selected[group.key].best if group.key in findings.selected else group
-    if best.id == group.id or best.against_base is None:
+    against = best.judged.against_base
+    if best.id == group.id or against is None:
         return ""
-    ratio = best.against_base.transfer_ratio.value
+    ratio = against.transfer_ratio.value
     did = "" if ratio is None else f": {signed(100 * ratio)}%"
     return minus(f"its best configuration is {label(best, findings.common)}{did}")
 
@@ -128,11 +132,13 @@ def _cells(findings: Findings) -> str:
 def _sentence(group: Group, hide: Collection[str]) -> str:
     source = f", {SOURCES[group.source]}" if group.source in SOURCES else ""
     name = label(group, hide)
-    text = f"{name}{source}: AUC {group.auc.value:.2f}" if group.auc else name
-    if group.against_base is None:
+    judged = group.judged
+    text = f"{name}{source}: AUC {judged.auc.value:.2f}" if judged.auc else name
+    text += f" on {len(judged.seeds)} unseen seeds" if group.confirmed else ""
+    if judged.against_base is None:
         return minus(text) + "; no agent with transfer was better"
-    gap, ratio = group.against_base.difference, group.against_base.transfer_ratio
+    gap, ratio = judged.against_base.difference, judged.against_base.transfer_ratio
     text += f", {DIFFERENCE.text(gap)}"
     text += "" if ratio.value is None else f" ({TRANSFER_RATIO.text(ratio)})"
     text += " compared with no transfer"
-    return minus(text) + (", which is undecided with these seeds" if group.verdict == "undecided" else "")
+    return minus(text) + (", which is undecided with these seeds" if judged.verdict == "undecided" else "")

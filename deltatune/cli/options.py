@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 MAX_WORKERS = 10_000
+MAX_CONFIRM = 1_000
 MAX_SECONDS = 31_536_000.0
 """A year."""
 MAX_CPUS, MAX_GIB = 10_000.0, 1_000_000.0
@@ -36,6 +37,16 @@ Agents = Annotated[
 ]
 Seeds = Annotated[
     int | None, typer.Option(metavar="N", help="Take N seeds; default: the search space's.", rich_help_panel=WHAT)
+]
+Confirm = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=MAX_CONFIRM,
+        metavar="N",
+        help="Run what was selected, and its baselines, again on N unseen seeds.",
+        rich_help_panel=WHAT,
+    ),
 ]
 Set = Annotated[
     list[str] | None,

@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import typer
 
 from deltatune.cli.app import err, out, print_json, print_named, program
-from deltatune.cli.tables import group_table
+from deltatune.cli.tables import confirmed_table, group_table
 from deltatune.publish import Published, artifacts, publish
 from orchestrator.execution.session import SweepSession
 from orchestrator.execution.settings import RunSummary
@@ -76,6 +76,8 @@ def _print_report(
     incomplete = [group for group in published.findings.groups if not group.complete]
     tried = {selected.best.id: selected.tried for selected in published.findings.selected.values()}
     out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds", tried))
+    if confirmed := [group for group in chosen if group.confirmed]:
+        out.print(confirmed_table(confirmed))
     if incomplete:
         out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
     total = tally.seconds + after

@@ -12,7 +12,7 @@ from deltatune.cli.sheet import Sheet, table
 if TYPE_CHECKING:
     from orchestrator.analysis.groups import Group
 
-__all__ = ["COLOURS", "duration", "group_table", "span", "table"]
+__all__ = ["COLOURS", "confirmed_table", "duration", "group_table", "span", "table"]
 
 COLOURS = {"helped": "green", "hurt": "red"}
 """A verdict's colour in a terminal."""
@@ -57,3 +57,22 @@ def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | 
         lines.append(("" if group.task == last else cells[0], *cells[1:]))
         last = group.task
     return table(COLUMNS, lines, title + (f"; all with {settings_text(common)}" if common else ""))
+
+
+def confirmed_table(groups: Sequence[Group]) -> Sheet:
+    """Return what a confirmation says of the selected configurations, beside the AUC that they were selected by."""
+    from orchestrator.analysis.metrics import METRICS
+    from orchestrator.analysis.summary_table import CONFIRMED, CONFIRMED_COLUMNS, confirmed_texts
+    from trainables.plugins.names import short
+
+    auc = next(metric for metric in METRICS if metric.key == "auc")
+    lines: list[tuple[str | Text, ...]] = []
+    for group in sorted(groups, key=lambda group: group.task):
+        seeds, *texts = confirmed_texts(group.confirmed)
+        style = COLOURS.get((group.confirmed.verdict if group.confirmed else "") or "", "")
+        shown = [
+            Text(text, style=style) if metric.compared else text for metric, text in zip(CONFIRMED, texts, strict=True)
+        ]
+        lines.append((short(group.task), short(group.agent), group.source_label, auc.text(group.auc), seeds, *shown))
+    columns = ("task", "agent", "source", "selected by AUC", *CONFIRMED_COLUMNS)
+    return table(columns, lines, "Confirmed on seeds that had no part in the selection")

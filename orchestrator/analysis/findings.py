@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import pandas as pd
 
+from orchestrator.analysis.confirmation import attach, split
 from orchestrator.analysis.groups import Group, groups
 from orchestrator.analysis.labels import shared
 from orchestrator.analysis.selection import Selected, select
@@ -27,6 +28,9 @@ class Findings:
     """One row per cell and evaluation point."""
     groups: list[Group]
     selected: dict[Key, Selected]
+    """The best configuration of each arm, with its confirmation where there is one."""
+    confirmations: list[Group] = field(default_factory=list)
+    """What was run on unseen seeds: the selected configurations, and the baselines that they are compared with."""
 
     @cached_property
     def each_cell(self) -> pd.DataFrame:
@@ -47,5 +51,7 @@ class Findings:
 def find(results: Results, tables: tuple[pd.DataFrame, pd.DataFrame] | None = None) -> Findings:
     """Return the findings of a sweep; `tables` are its (cells, points) if they are loaded already."""
     cells, points = tables or results.tables()
-    every = groups(cells)
-    return Findings(results, cells, points, every, select(every, cells))
+    selecting, confirming = split(cells)
+    every = groups(selecting)
+    every, selected = attach(every, select(every, selecting), confirming)
+    return Findings(results, cells, points, every, selected, groups(confirming))

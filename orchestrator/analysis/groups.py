@@ -69,6 +69,10 @@ class Group:
     """Which source's knowledge a seed got (own_seed, best_evaluated, each or a seed); empty where that is not known."""
     networks: int = 1
     """Source networks that every seed is crossed with (pick: each); its numbers are means over them."""
+    base_id: str = ""
+    """The group without transfer that it is compared with; empty where there is none."""
+    confirmed: Group | None = None
+    """The same configuration on unseen seeds, of a selected one that was confirmed."""
     source_label: str = ""
     """`source`, with source task and pick where the sweep has several sources for the task and agent."""
 
@@ -76,6 +80,11 @@ class Group:
     def key(self) -> Key:
         """The key of its arm."""
         return Key(self.task, self.agent, self.source_task or "", self.source, self.pick)
+
+    @property
+    def judged(self) -> Group:
+        """What the configuration is judged by: its confirmation where there is one, else itself."""
+        return self.confirmed or self
 
     @property
     def auc(self) -> Estimate | None:
@@ -153,6 +162,7 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         nothing=nothing_in(done) if first["source"] == "none" else None,
         pick=_text(first, "pick"),
         networks=networks(frame),
+        base_id=str(without.iloc[0]["group"]) if without is not None else "",
     )
 
 

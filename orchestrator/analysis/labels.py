@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from orchestrator.analysis.groups import Group
+from orchestrator.planning.confirmation import CONFIRMATION
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.plugins.names import short
@@ -42,7 +43,8 @@ def cell_name(cell: Cell) -> str:
 
 def group_name(group: Group) -> str:
     """Return a configuration's readable name."""
-    return configuration_name(group.task, group.agent, group.source_label, group.hyperparameters)
+    name = configuration_name(group.task, group.agent, group.source_label, group.hyperparameters)
+    return f"{name} / unseen seeds" if group.stage in CONFIRMATION else name
 
 
 def configuration_name(task: str, agent: str, source: str, hyperparameters: Mapping[str, Any]) -> str:

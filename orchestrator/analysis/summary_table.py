@@ -23,6 +23,28 @@ COLUMNS = (
 )
 
 
+CONFIRMED = tuple(metric for metric in METRICS if metric.key in ("auc", "transfer_ratio", "difference"))
+"""What a table says of a confirmation, beside the numbers of the seeds that selected the configuration."""
+
+
+CONFIRMED_COLUMNS = ("unseen seeds", *(f"confirmed {metric.heading}" for metric in CONFIRMED))
+
+
+def confirmed_texts(found: Group | None) -> tuple[str, ...]:
+    """Return what a confirmation says, under CONFIRMED_COLUMNS; dashes for None."""
+    if found is None:
+        return ("-",) * len(CONFIRMED_COLUMNS)
+    return (str(len(found.seeds)), *(metric.text(found.estimates.get(metric.key)) for metric in CONFIRMED))
+
+
+def text_table(groups: Sequence[Group]) -> pd.DataFrame:
+    """Return the table for people: a row per configuration; what a confirmation says stands beside its row."""
+    if not any(group.confirmed for group in groups):
+        return pd.DataFrame([row(group) for group in groups], columns=list(COLUMNS))
+    rows = [(*row(group), *confirmed_texts(group.confirmed)) for group in groups]
+    return pd.DataFrame(rows, columns=[*COLUMNS, *CONFIRMED_COLUMNS])
+
+
 def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
     """Return a group's row of the table, under COLUMNS, without the hyperparameters in `hide`."""
     own = varied(group.agent, group.task, group.hyperparameters)
@@ -61,6 +83,16 @@ def numbers(group: Group) -> dict[str, Any]:
     }
     for metric in METRICS:
         record |= metric.numbers(group.estimates.get(metric.key))
+    return record | (confirmed_numbers(group.confirmed) if group.confirmed else {})
+
+
+def confirmed_numbers(found: Group) -> dict[str, Any]:
+    """Return the numbers of a confirmation, as columns beside those of the seeds that selected the configuration."""
+    record: dict[str, Any] = {"confirmed_seeds": len(found.seeds), "confirmed_verdict": found.verdict}
+    for metric in METRICS:
+        record |= {
+            f"confirmed_{name}": value for name, value in metric.numbers(found.estimates.get(metric.key)).items()
+        }
     return record
 
 

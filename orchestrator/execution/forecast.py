@@ -13,9 +13,17 @@ import numpy as np
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.source_choice import choose
-from orchestrator.planning.arms import Arm, distinct
+from orchestrator.planning.arms import CONFIRM, Arm, distinct
+from orchestrator.planning.confirmation import (
+    CONFIRM_SOURCE,
+    Chosen,
+    check_confirmation,
+    confirm_arms,
+    expected_arms,
+    with_unseen,
+)
 from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
-from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, SourceChoice, settle, untrained
+from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, Choices, SourceChoice, settle, untrained
 from orchestrator.results.status import sweeps
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
@@ -98,16 +106,46 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.pretrained)
     first = _stage(SOURCE, trained, space, ledger, costs, keep)
     choices = settle(arms, settings.pretrained, lambda arm: _choice(ledger, arm, keep))
-    second = _stage(TRANSFER, transfer_arms(space, choices, settings.params), space, ledger, costs, keep=False)
-    cells, left = (sum(each) for each in zip(*((s.cells, s.cells - s.done) for s in (first, second)), strict=True))
+    transfers = transfer_arms(space, choices, settings.params)
+    stages = [first, _stage(TRANSFER, transfers, space, ledger, costs, keep=False)]
+    if space.confirm:
+        over = all(stage.cells == stage.done for stage in stages) and not ledger.damage
+        found = _chosen(results) if over and ledger.planned(TRANSFER) else None
+        stages += _confirmation(space, settings, choices, transfers, found, ledger, costs)
+    cells, left = (sum(each) for each in zip(*((s.cells, s.cells - s.done) for s in stages), strict=True))
     return Forecast(
-        (first, second),
+        tuple(stages),
         tuple(costs.known.values()),
         tuple(dict.fromkeys(costs.unknown)),
         workers,
         start=START_SECONDS["local" if settings.local else "ray"] if left else 0.0,
         publish=PUBLISH_SECONDS + PUBLISH_SECONDS_PER_CELL * cells,
     )
+
+
+def _chosen(results: Results) -> Chosen:
+    from orchestrator.analysis.confirmation import chosen
+
+    return chosen(results.rows())
+
+
+def _confirmation(
+    space: SearchSpace,
+    settings: Settings,
+    choices: Sequence[Choices],
+    transfers: Sequence[Arm],
+    found: Chosen | None,
+    ledger: Ledger,
+    costs: _Costs,
+) -> list[Stage]:
+    """Return the stages of the confirmation: of what is selected, or of as many configurations where nothing is yet."""
+    check_confirmation(space, settings.pretrained)
+    by_task, arms = expected_arms(space, choices, transfers, settings.params, settings.pretrained)
+    sources = distinct(arm for each in by_task for arm in each.values())
+    stages = [_stage(CONFIRM_SOURCE, sources, space, ledger, costs, keep=True)] if sources else []
+    if found is not None and all(stage.cells == stage.done for stage in stages):
+        arms = confirm_arms(space, with_unseen(choices, by_task, ledger.source_runs), settings.params, found)
+    return [*stages, _stage(CONFIRM, arms, space, ledger, costs, keep=False)]
 
 
 def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, costs: _Costs, keep: bool) -> Stage:

@@ -70,6 +70,15 @@ class Ledger:
         self._results.set_plan({name: list(planned.values()) for name, planned in self._plan.items()}, self._labels)
         return self.planned(stage)
 
+    def forget(self, stages: Iterable[str]) -> None:
+        """Take stages out of the plan that are no longer asked for; the records of their cells stay."""
+        asked = [stage for stage in stages if stage in self._plan]
+        for stage in asked:
+            del self._plan[stage]
+            self._labels.pop(stage, None)
+        if asked:
+            self._results.set_plan({name: list(there.values()) for name, there in self._plan.items()}, self._labels)
+
     def planned(self, stage: str) -> list[Cell]:
         """Return the cells of a stage known so far, those suggested by a search included."""
         return list(self._plan.get(stage, {}).values())
@@ -114,6 +123,10 @@ class Ledger:
         """Return what stage 2 needs to know about a done cell of stage 1."""
         summary = self._heads[cell.id].summary
         return SourceRun(cell, float(summary["best_return"] or 0), self._auc(cell), int(summary["steps"] or 0))
+
+    def source_runs(self, arm: Arm) -> dict[int, SourceRun]:
+        """Return the source runs of an arm of one configuration by seed, of the seeds that are done."""
+        return {cell.seed: self.source_run(cell) for cell in arm.all_cells() if self.score([cell]) is not None}
 
     def score(self, cells: Sequence[Cell]) -> float | None:
         """Return the mean AUC of a configuration's cells; None where one is not done."""

@@ -42,6 +42,8 @@ class Work:
     missing: list[Cell]
     keep: bool
     """Whether each cell's knowledge is to be kept."""
+    whole: bool = False
+    """Whether every cell is trained to its end, whatever scheduler there is."""
 
 
 class Stages:
@@ -82,7 +84,7 @@ class Stages:
         )
         with Display(self._console, work.stage, total, self._results.folder) as display:
             sink = OutcomeSink(work.stage, ledger, self._summary, display, self._on_record)
-            monitor = StageMonitor(self._queue(work, searches, workplace), sink, display, self._stopping(work.arms))
+            monitor = StageMonitor(self._queue(work, searches, workplace), sink, display, self._stopping(work))
             try:
                 runner.run_stage(monitor, payload)
             except Exception as error:
@@ -115,7 +117,7 @@ class Stages:
 
     def _queue(self, work: Work, searches: Sequence[Tuned], workplace: Workplace) -> WorkQueue:
         """Return the queue of missing cells, long ones first; with a scheduler each configuration is one pack."""
-        together = self._space.search.scheduler is not None
+        together = self._space.search.scheduler is not None and not work.whole
         packs: list[Pack] = []
         alone = work.missing
         if together:
@@ -138,9 +140,9 @@ class Stages:
             time_limit=self._settings.time_limit,
         )
 
-    def _stopping(self, arms: Sequence[Arm]) -> EarlyStopping | None:
-        settings = self._space.search.scheduler
-        return EarlyStopping(settings, arms, self._ledger.scores) if settings else None
+    def _stopping(self, work: Work) -> EarlyStopping | None:
+        settings = None if work.whole else self._space.search.scheduler
+        return EarlyStopping(settings, work.arms, self._ledger.scores) if settings else None
 
     def _sources(self, cells: Iterable[Cell]) -> dict[str, Arrays]:
         """Return the arrays of every source that `cells` use, by `Source.key`."""

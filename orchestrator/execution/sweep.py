@@ -14,12 +14,23 @@ from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.source_choice import choose
 from orchestrator.execution.stage import Stages, Work
-from orchestrator.planning.arms import Arm, distinct
+from orchestrator.planning.arms import CONFIRM, Arm, distinct
+from orchestrator.planning.confirmation import (
+    CONFIRM_SOURCE,
+    CONFIRMATION,
+    check_confirmation,
+    confirm_arms,
+    confirm_source_arms,
+    expected_arms,
+    with_unseen,
+)
 from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
-from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, Choices, settle, untrained
+from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, Choices, SourceChoice, settle, untrained
 from orchestrator.results.lock import locked
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
+
+STAGES = (SOURCE, TRANSFER, *CONFIRMATION)
 
 
 def run(
@@ -59,27 +70,40 @@ def run_held(
 
 
 class _Sweep:
-    """The two stages of one run."""
+    """The stages of one run."""
 
     def __init__(self, results: Results, settings: Settings, ledger: Ledger, tally: RunSummary, stages: Stages) -> None:
-        self._space, self._settings = results.space(), settings
+        self._results, self._space, self._settings = results, results.space(), settings
         self._ledger, self._tally, self._stages = ledger, tally, stages
 
     def run(self) -> int:
-        """Run both stages, and return how many cells an interruption has left."""
-        ledger = self._ledger
+        """Run all stages, and return how many cells an interruption has left."""
+        check_confirmation(self._space, self._settings.pretrained)
         try:
-            self.transfer(self.train_sources())
+            choices = self.train_sources()
+            self.transfer(choices)
+            self.confirm(choices)
         except InterruptedSweepError:
-            left = sum(not ledger.ended(cell) for stage in (SOURCE, TRANSFER) for cell in ledger.planned(stage))
-            return left if ledger.planned(TRANSFER) else left + self._unplanned()
+            return self._left()
         return 0
 
-    def _unplanned(self) -> int:
-        """Return how many transfer cells wait for sources that are not trained yet."""
-        sources = source_arms(self._space, self._settings.params)
-        choices = settle(sources, self._settings.pretrained, lambda arm: untrained(arm, PLACEHOLDER_STEPS))
-        arms = transfer_arms(self._space, choices, self._settings.params)
+    def _left(self) -> int:
+        """Return how many cells an interruption has left, those included that no stage has planned yet."""
+        ledger, space, settings = self._ledger, self._space, self._settings
+        left = sum(not ledger.ended(cell) for stage in STAGES for cell in ledger.planned(stage))
+        if ledger.planned(TRANSFER) and (ledger.planned(CONFIRM) or not space.confirm):
+            return left
+        choices = settle(source_arms(space, settings.params), settings.pretrained, _untrained)
+        transfers = transfer_arms(space, choices, settings.params)
+        if not ledger.planned(TRANSFER):
+            left += self._missing(transfers)
+        if space.confirm and not ledger.planned(CONFIRM):
+            sources, confirms = expected_arms(space, choices, transfers, settings.params, settings.pretrained)
+            left += self._missing([*(arm for by_task in sources for arm in by_task.values()), *confirms])
+        return left
+
+    def _missing(self, arms: Sequence[Arm]) -> int:
+        """Return how many cells of arms have not ended."""
         cells = {cell.id: cell for arm in arms for cell in arm.all_cells()}.values()
         searched = sum(self._space.search.budget * arm.width for arm in arms if arm.ranges)
         return searched + sum(not self._ledger.ended(cell) for cell in cells)
@@ -96,6 +120,19 @@ class _Sweep:
         """Run stage 2. The transfers of a failed source fail with it; the others run."""
         self._run(TRANSFER, transfer_arms(self._space, choices, self._settings.params), keep=False)
 
+    def confirm(self, choices: Sequence[Choices]) -> None:
+        """Run what stage 2 has selected on unseen seeds, where the search space asks for it."""
+        space, settings, ledger = self._space, self._settings, self._ledger
+        if space.confirm is None:
+            ledger.forget(CONFIRMATION)
+            return
+        from orchestrator.analysis.confirmation import chosen
+
+        sources = confirm_source_arms(space, choices, settings.pretrained)
+        self._run(CONFIRM_SOURCE, distinct(arm for by_task in sources for arm in by_task.values()), keep=True)
+        unseen = with_unseen(choices, sources, ledger.source_runs)
+        self._run(CONFIRM, confirm_arms(space, unseen, settings.params, chosen(self._results.rows())), keep=False)
+
     def _run(self, stage: str, arms: Sequence[Arm], keep: bool) -> None:
         """Plan a stage and run its missing cells."""
         ledger, search = self._ledger, self._space.search
@@ -109,9 +146,14 @@ class _Sweep:
         self._tally.reused += sum(ledger.ended(cell, keep) and not ledger.new(cell) for cell in cells)
         lost = {key: lost[key] for key in lost.keys() - {cell.id for cell in (*grids, *searched)}}
         self._stages.lose(stage, [(cell, why) for cell, why in lost.values() if not ledger.ended(cell)])
-        work = Work(stage, sound, [cell for cell in cells if not ledger.ended(cell, keep)], keep)
+        missing = [cell for cell in cells if not ledger.ended(cell, keep)]
+        work = Work(stage, sound, missing, keep, whole=stage in CONFIRMATION)
         if work.missing or tuned:
             self._stages.run(work)
+
+
+def _untrained(arm: Arm) -> SourceChoice:
+    return untrained(arm, PLACEHOLDER_STEPS)
 
 
 def _drawn(arm: Arm, space: SearchSpace) -> Arm:

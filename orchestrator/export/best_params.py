@@ -102,9 +102,19 @@ def _entry(selected: Selected) -> dict[str, Any]:
         **{metric.key: _estimate(group.estimates.get(metric.key)) for metric in shown("best")},
         "seeds": list(group.seeds),
         **({"source_networks": group.networks} if group.networks > 1 else {}),
+        **({"confirmed": _confirmed(group.confirmed)} if group.confirmed else {}),
         "configurations": selected.tried,
         "configurations_left_out": selected.left_out,
         "ties": [dict(tie.hyperparameters) for tie in selected.ties],
+    }
+
+
+def _confirmed(found: Group) -> dict[str, Any]:
+    """Return what the unseen seeds say of a configuration."""
+    return {
+        **{metric.key: _estimate(found.estimates.get(metric.key)) for metric in shown("best")},
+        "verdict": found.verdict,
+        "seeds": list(found.seeds),
     }
 
 

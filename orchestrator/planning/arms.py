@@ -46,11 +46,16 @@ def entry_of(params: Params, key: Key) -> Key | None:
     return next((entry for entry in entries if entry in params), None)
 
 
+CONFIRM = "confirm"
+"""The purpose of an arm, and the stage, that confirms what was selected."""
+
+
 class Label(NamedTuple):
     """What an arm knows about its cells beyond their own content."""
 
     pick: str = ""
     baseline_for: str = ""
+    purpose: str = ""
 
 
 PLAIN = Label()
@@ -59,9 +64,10 @@ PLAIN = Label()
 def configuration_id(cell: Cell, label: Label) -> str:
     """Return the id that the cells of a configuration share; a cell of two arms belongs to a configuration of each."""
     usual = ("", default_pick(cell.sources[0].task) if cell.sources else "")
-    if label.pick in usual and not label.baseline_for:
+    if label.pick in usual and not label.baseline_for and not label.purpose:
         return cell.group
-    return content_id([cell.group, *label])
+    said = (label.pick, label.baseline_for, *([label.purpose] if label.purpose else []))
+    return content_id([cell.group, *said])
 
 
 @dataclass(frozen=True)
@@ -81,6 +87,8 @@ class Arm:
     """Which source's knowledge a seed gets; empty without a learned source."""
     baseline_for: str = ""
     """The source task whose stage 1 has settled this baseline, if other sources have settled different ones."""
+    purpose: str = ""
+    """CONFIRM where its seeds have no part in selecting a configuration; else empty."""
     lost: str = ""
     """Why it cannot run: one of its sources has failed."""
 
@@ -95,7 +103,7 @@ class Arm:
     @property
     def label(self) -> Label:
         """The label of the arm's cells."""
-        return Label(self.pick, self.baseline_for)
+        return Label(self.pick, self.baseline_for, self.purpose)
 
     @functools.cached_property
     def content(self) -> str:

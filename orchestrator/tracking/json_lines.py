@@ -76,6 +76,14 @@ class JsonLines:
             self._line("configuration", group.id, {**numbers(group), "hyperparameters": dict(group.hyperparameters)})
             for group in findings.groups
         ]
+        rows += [
+            self._line(
+                "configuration",
+                group.id,
+                {"confirms": True, **numbers(group), "hyperparameters": dict(group.hyperparameters)},
+            )
+            for group in findings.confirmations
+        ]
         temporary = self._path.with_name(f".{self._path.name}")
         with temporary.open("wb") as file:
             for number, (key, _, line) in enumerate(self._lines()):

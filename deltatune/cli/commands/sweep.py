@@ -25,6 +25,7 @@ def sweep(
     task: opt.Targets = None,
     agent: opt.Agents = None,
     seeds: opt.Seeds = None,
+    confirm: opt.Confirm = None,
     settings: opt.Set = None,
     params: opt.Params = None,
     source: opt.Pretrained = None,
@@ -58,6 +59,7 @@ def sweep(
         tasks=task or (),
         agents=agent or (),
         seeds=seeds,
+        confirm=confirm,
         hyperparameters=_settings(settings or []),
     )
     name, console = name or chosen.name, progress_console(context, as_json)
@@ -83,7 +85,7 @@ def sweep(
         time_limit=time_limit,
         resources=Resources(cpus_per_cell, gpus_per_cell, memory_per_cell),
         params=settled,
-        pretrained=pretrained.runs(sources, chosen.every_seed),
+        pretrained=pretrained.runs(sources, (*chosen.every_seed, *chosen.confirm_seeds)),
     )
     if local:
         _check_local(how)

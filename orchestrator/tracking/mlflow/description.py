@@ -9,7 +9,7 @@ import yaml
 
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import METRICS
-from orchestrator.analysis.summary_table import COLUMNS, row
+from orchestrator.analysis.summary_table import COLUMNS, CONFIRMED_COLUMNS, confirmed_texts, row
 from orchestrator.results.pretrained_names import options
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow.views import LEADERBOARD
@@ -19,7 +19,7 @@ from trainables.plugins.names import short
 def markdown(results: Results, groups: Sequence[Group], best: Sequence[Group]) -> str:
     """Return the description of a sweep's parent run: its question, the table, the command that reproduces it."""
     space = results.space()
-    lines = [*_headline(best), space.description or space.name, "", "Every configuration:", ""]
+    lines = [*_headline(best), space.description or space.name, "", *_confirmed(best), "Every configuration:", ""]
     lines += [f"|{'|'.join(COLUMNS)}|", "|" + "---|" * len(COLUMNS)]
     lines += _rows(groups)
     lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
@@ -37,9 +37,23 @@ def markdown(results: Results, groups: Sequence[Group], best: Sequence[Group]) -
     return "\n".join(lines)
 
 
+def _confirmed(best: Sequence[Group]) -> list[str]:
+    """Return the table of what was confirmed on unseen seeds; nothing where nothing was."""
+    shown = [group for group in best if group.confirmed]
+    if not shown:
+        return []
+    columns = ("task", "agent", "source", *CONFIRMED_COLUMNS)
+    lines = ["Confirmed on seeds that had no part in the selection:", "", f"|{'|'.join(columns)}|"]
+    lines.append("|" + "---|" * len(columns))
+    lines += [
+        f"|{'|'.join((short(g.task), short(g.agent), g.source_label, *confirmed_texts(g.confirmed)))}|" for g in shown
+    ]
+    return [*lines, ""]
+
+
 def _headline(best: Sequence[Group]) -> list[str]:
     """Return a table of the best configuration on each target; MLflow shows only the first lines of a description."""
-    shown = [group for group in best if group.stage == "transfer" and group.auc]
+    shown = [group.judged for group in best if group.stage == "transfer" and group.judged.auc]
     if not shown:
         return []
     lines = ["|best on|agent|AUC|transfer ratio|verdict|", "|---|---|---|---|---|"]

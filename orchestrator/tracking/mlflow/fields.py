@@ -11,6 +11,7 @@ from typing import Any
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import run_name
 from orchestrator.analysis.metrics import METRICS
+from orchestrator.analysis.summary_table import CONFIRMED_COLUMNS, confirmed_numbers, confirmed_texts
 from orchestrator.results.records.record import Head
 
 CELL_METRICS = (
@@ -56,6 +57,10 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     for metric in METRICS:
         found = metric.numbers(group.estimates.get(metric.key))
         metrics |= {name: value for name, value in found.items() if value is not None}
+    if group.confirmed:
+        found = confirmed_numbers(group.confirmed)
+        metrics |= {name: value for name, value in found.items() if isinstance(value, float | int)}
+        tags |= dict(zip(CONFIRMED_COLUMNS, confirmed_texts(group.confirmed), strict=True))
     tags |= {"learned": group.nothing} if group.nothing else {}
     tags |= {TEXTS[name]: text for name, text in _texts(group).items()}
     if group.against_base is not None and group.against_base.transfer_ratio.undefined:
@@ -88,7 +93,7 @@ def places(groups: Sequence[Group]) -> dict[str, str]:
 
 def sweep_metrics(groups: Sequence[Group], best: Sequence[Group]) -> dict[str, float]:
     """Return the metrics of the sweep's own run: how often transfer helped, and the best AUC on each target."""
-    counts = Counter(group.verdict for group in best if group.verdict)
+    counts = Counter(group.judged.verdict for group in best if group.judged.verdict)
     metrics: dict[str, float] = {f"transfer_{name}": counts[name] for name in ("helped", "hurt", "undecided")}
     for group in groups:
         if group.stage == "transfer" and group.complete and group.auc:

@@ -153,15 +153,17 @@ class Mirror:
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
         """Write the aggregates, and the description, figures and files of the sweep's run."""
-        cells, every = findings.cells, findings.groups
+        cells, every = findings.cells, [*findings.groups, *findings.confirmations]
         curves = mean_curves(findings.points, cells)
         for group in every:
             self.write_group(group, curves.get(group.id, NO_CURVE))
         for name, place in places(every).items():
             self._client.set_tag(self._known["aggregate", name].run_id, "place", place)
         self._nest(cells)
-        self._client.set_tag(self.parent, "mlflow.note.content", markdown(self._results, every, findings.best))
-        self._log_sweep_metrics(sweep_metrics(every, findings.best))
+        self._client.set_tag(
+            self.parent, "mlflow.note.content", markdown(self._results, findings.groups, findings.best)
+        )
+        self._log_sweep_metrics(sweep_metrics(findings.groups, findings.best))
         for path in artifacts:
             folder = Path(path.parent.relative_to(self._results.folder).as_posix())
             with local_copy(path) as file:
