@@ -41,11 +41,12 @@ class SourceSpace(Strict):
     """What stage 1 sweeps. Stage 2 uses the best values by mean AUC."""
     seeds: Seeds | None = None
     """Seeds that the source tasks are trained with; default: those of the sweep."""
-    pick: Literal["own_seed", "best_evaluated", "each"] | Seed | None = None
+    pick: Literal["own_seed", "best_evaluated", "ranked", "each"] | Seed | None = None
     """The knowledge that a target seed gets. own_seed: the last of the same source seed; best_evaluated: the network
-    with the best greedy evaluation of all source seeds; a number: the best of that seed; each: that of every source
-    seed in turn, a cell per target seed and source seed, so that the source is a random factor like the seed. Default:
-    own_seed for tabular tasks, best_evaluated for deep ones."""
+    with the best greedy evaluation of all source seeds; ranked: the network whose |delta| on the target is smallest
+    along its own path there, which costs some episodes of the target for each network; a number: the best of that seed;
+    each: that of every source seed in turn, a cell per target seed and source seed, so that the source is a random
+    factor like the seed. Default: own_seed for tabular tasks, best_evaluated for deep ones."""
 
     @property
     def tasks(self) -> tuple[str, ...]:

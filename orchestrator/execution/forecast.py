@@ -13,6 +13,7 @@ import numpy as np
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.source_choice import choose
+from orchestrator.execution.source_ranking import ranked
 from orchestrator.planning.arms import CONFIRM, Arm, distinct
 from orchestrator.planning.confirmation import (
     CONFIRM_SOURCE,
@@ -106,6 +107,7 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.pretrained)
     first = _stage(SOURCE, trained, space, ledger, costs, keep)
     choices = settle(arms, settings.pretrained, lambda arm: _choice(ledger, arm, keep))
+    choices = ranked(space, choices, results, writes=False)
     transfers = transfer_arms(space, choices, settings.params)
     stages = [first, _stage(TRANSFER, transfers, space, ledger, costs, keep=False)]
     if space.confirm:

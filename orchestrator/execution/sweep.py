@@ -13,6 +13,7 @@ from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepErro
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.source_choice import choose
+from orchestrator.execution.source_ranking import ranked
 from orchestrator.execution.stage import Stages, Work
 from orchestrator.planning.arms import CONFIRM, Arm, distinct
 from orchestrator.planning.confirmation import (
@@ -114,7 +115,8 @@ class _Sweep:
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
         every = (arm for scenario in arms for arm in scenario.values())
         self._run(SOURCE, distinct(arm for arm in every if arm.task not in pretrained), keep)
-        return settle(arms, pretrained, lambda arm: choose(self._ledger, arm, self._ledger.planned(SOURCE)))
+        choices = settle(arms, pretrained, lambda arm: choose(self._ledger, arm, self._ledger.planned(SOURCE)))
+        return ranked(self._space, choices, self._results)
 
     def transfer(self, choices: Sequence[Choices]) -> None:
         """Run stage 2. The transfers of a failed source fail with it; the others run."""

@@ -67,7 +67,7 @@ def _transfer(
         arm = Arm(agent, target, space.seeds, baseline_for=first, lost=lost)
     else:
         pick = source.whose if kind == "learned" else ""
-        sources = _sources(tasks, kind, pick, choices, space.seeds, source.trained(space.seeds))
+        sources = _sources(tasks, target, kind, pick, choices, space.seeds, source.trained(space.seeds))
         arm = Arm(agent, target, space.seeds, sources=sources, pick=pick, lost=lost)
     return _configured(arm, space, space.agents[agent], of_first.values, params)
 
@@ -90,13 +90,23 @@ def _configured(
 
 
 def _sources(
-    tasks: Sequence[str], kind: str, pick: str, choices: Choices, seeds: Sequence[int], trained: Sequence[int]
+    tasks: Sequence[str],
+    target: str,
+    kind: str,
+    pick: str,
+    choices: Choices,
+    seeds: Sequence[int],
+    trained: Sequence[int],
 ) -> dict[int, tuple[Sources, ...]]:
     """Return seed to the sources of each of its cells. trained: the seeds of stage 1, which must all be there."""
     picks, own = [pick], trained
     if pick == "each":
         picks, own = _networks(tasks, choices), ()
-    crossed = [[_column(task, kind, one, choices, seeds, own) for task in tasks] for one in picks]
+
+    def of(task: str, one: str) -> str:
+        return str(choices.get(task, NOTHING).seed_for(target)) if one == "ranked" else one
+
+    crossed = [[_column(task, kind, of(task, one), choices, seeds, own) for task in tasks] for one in picks]
     return {seed: tuple(tuple(column[seed] for column in columns) for columns in crossed) for seed in seeds}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from orchestrator.planning.arms import Arm, Values
 from trainables.cell import Cell
@@ -36,6 +36,13 @@ class SourceChoice:
     """By seed."""
     lost: str = ""
     """Why there is none: no configuration has all its seeds. `values` and `runs` are then those of failed cells."""
+
+    ranked: Mapping[str, int] = field(default_factory=dict)
+    """Target task to the seed whose network has the smallest |delta| there; empty where nothing was ranked (yet)."""
+
+    def seed_for(self, target: str) -> int:
+        """Return the seed whose network is ranked first on a target; any seed as long as nothing is ranked."""
+        return self.ranked.get(target, next(iter(self.runs)))
 
     def best_seed(self) -> int:
         """Return the seed with the best greedy evaluation; the best AUC breaks ties."""

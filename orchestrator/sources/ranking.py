@@ -83,6 +83,17 @@ def rank_sources(target: str, entries: Sequence[Entry], episodes: int, seed: int
     return Found(task.name, tuple(fitting), ranking, len(entries) - len(fitting))
 
 
+def own_path_delta(target: str, entries: Sequence[Entry], episodes: int, seed: int) -> list[float]:
+    """Return, for each source, the root mean square of delta on `target` along the source's own greedy path there.
+
+    Every source plays so many episodes of the target, with the same random numbers.
+    """
+    task = parse_task(target)
+    gamma = float(entries[0].cell.hyperparameters["gamma"])
+    comparison = _comparison(task, entries, gamma, seed, at_home=target)
+    return [following.delta for following in comparison.floors([episodes] * len(entries))]
+
+
 def _fits(entry: Entry, target: Task, shape: tuple[int, int]) -> bool:
     source = parse_task(entry.cell.task)
     kind = "tabular" if target.tabular else "deep"
@@ -90,12 +101,14 @@ def _fits(entry: Entry, target: Task, shape: tuple[int, int]) -> bool:
     return same and agent_named(entry.cell.agent).kind == kind
 
 
-def _comparison(task: Task, entries: Sequence[Entry], gamma: float, seed: int) -> SourceComparison:
+def _comparison(task: Task, entries: Sequence[Entry], gamma: float, seed: int, at_home: str = "") -> SourceComparison:
+    """Return the comparison of sources on a target. at_home: the task that stands for each source's own, if given."""
     if task.tabular:
         from trainables.source_ranking.tabular import TabularComparison
 
         shape = task_shape(task)
-        return TabularComparison(task.name, [(e.cell.task, e.knowledge.q_table(shape)) for e in entries], gamma, seed)
+        tables = [(at_home or e.cell.task, e.knowledge.q_table(shape)) for e in entries]
+        return TabularComparison(task.name, tables, gamma, seed)
     from trainables.agents.builtin.dqn import DQN
     from trainables.networks.network import source_network
     from trainables.source_ranking.deep import DeepComparison
@@ -104,5 +117,6 @@ def _comparison(task: Task, entries: Sequence[Entry], gamma: float, seed: int) -
     for entry in entries:
         settings = entry.cell.settings
         assert isinstance(settings, DQN)
-        networks.append((entry.cell.task, source_network(entry.knowledge, "best", settings, *task_shape(task))))
+        network = source_network(entry.knowledge, "best", settings, *task_shape(task))
+        networks.append((at_home or entry.cell.task, network))
     return DeepComparison(task.name, networks, gamma, seed)

@@ -11,7 +11,7 @@ from typing import Any
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import run_name
 from orchestrator.analysis.metrics import METRICS
-from orchestrator.analysis.summary_table import CONFIRMED_COLUMNS, confirmed_numbers, confirmed_texts
+from orchestrator.analysis.summary_table import CONFIRMED, confirmed_numbers, confirmed_texts
 from orchestrator.results.records.record import Head
 
 CELL_METRICS = (
@@ -60,7 +60,9 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     if group.confirmed:
         found = confirmed_numbers(group.confirmed)
         metrics |= {name: value for name, value in found.items() if isinstance(value, float | int)}
-        tags |= dict(zip(CONFIRMED_COLUMNS, confirmed_texts(group.confirmed), strict=True))
+        texts = confirmed_texts(group.confirmed)
+        names = ("unseen seeds", *(f"confirmed {TEXTS[metric.key]}" for metric in CONFIRMED))
+        tags |= {**dict(zip(names, texts, strict=True)), "confirmed verdict": group.confirmed.verdict or "-"}
     tags |= {"learned": group.nothing} if group.nothing else {}
     tags |= {TEXTS[name]: text for name, text in _texts(group).items()}
     if group.against_base is not None and group.against_base.transfer_ratio.undefined:

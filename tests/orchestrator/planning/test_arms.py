@@ -199,7 +199,7 @@ def test_a_pretrained_source_that_serves_every_seed_is_one_network() -> None:
         ({"seeds": [0], "pick": 1}, r"source\.pick must be one of the seeds \(got 1\)"),
         ({"seeds": [0, 5]}, r"source\.seeds lacks 1"),
         ({"seeds": [0, 0], "pick": "each"}, r"source\.seeds: 0 is given twice"),
-        ({"pick": "every"}, r"source\.pick must be 'own_seed', 'best_evaluated' or 'each' \(got 'every'\)"),
+        ({"pick": "every"}, r"source\.pick must be 'own_seed', 'best_evaluated', 'ranked' or 'each' \(got 'every'\)"),
     ],
 )
 def test_source_seeds_that_a_target_seed_cannot_get_are_refused(source: dict[str, Any], message: str) -> None:
