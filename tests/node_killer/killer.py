@@ -136,6 +136,7 @@ def _harm(cluster: Cluster, driver: subprocess.Popen[bytes], rng: random.Random 
             raise AssertionError("a sweep does not end")
         if rng is None:
             continue
+        assert all(node.poll() is None for node in cluster.nodes), "a node has ended that nobody killed"
         if rng.random() < NODE_SHARE:
             cluster.remove(cluster.nodes.pop(rng.randrange(len(cluster.nodes))))
             found.nodes += 1
@@ -148,8 +149,9 @@ def _harm(cluster: Cluster, driver: subprocess.Popen[bytes], rng: random.Random 
 
 
 def _workers(node: int) -> list[int]:
-    """Return the processes of Ray's workers below a node's."""
-    return [pid for pid in _below(node) if _command(pid).startswith("ray::")]
+    """Return the processes of Ray's workers below a node's; without its agents a node would be gone."""
+    commands = {pid: _command(pid) for pid in _below(node)}
+    return [pid for pid, name in commands.items() if name.startswith("ray::") and "Agent" not in name]
 
 
 def _below(root: int) -> list[int]:
