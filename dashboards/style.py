@@ -54,6 +54,7 @@ PALETTE = {
     "pine": Look("#1f5b3a", "#63b886", (4, 1, 1, 1), "diamond"),
     "indigo": Look("#3f3d9e", "#8f8dea", (8, 1.5, 1, 1.5), "pentagon"),
     "steel": Look("#5b7083", "#a9bccd", (3, 3), "triangle-down"),
+    "emerald": Look("#0b7a4b", "#4fd39a", (7, 1.5, 3, 1.5), "circle"),
     "wine": Look("#882255", "#d36a9d", (5, 2, 1.5, 2), "pentagon"),
 }
 """Looks by name. A deep agent may share that of its tabular variant, since no figure shows both."""

@@ -135,6 +135,8 @@ def _baselines() -> Named:
     best, soon = learned(cart, "best"), learned(cart, "last", 400)
     yield "warm_start/learned", Cell.create("warm_start", HEAVY, 0, DEEP, best)
     yield "warm_start/fresh", Cell.create("warm_start", HEAVY, 1, DEEP | {"last_layer": "fresh"}, soon)
+    yield "safe_start/learned", Cell.create("safe_start", HEAVY, 0, DEEP | {"episodes": 40}, best)
+    yield "safe_start/fresh", Cell.create("safe_start", HEAVY, 1, DEEP | {"begins": "fresh"}, soon)
     yield "corrected_es/learned", Cell.create("corrected_es", HEAVY, 0, DEEP, best)
     yield "corrected_es/shaped", Cell.create("corrected_es", HEAVY, 1, DEEP | {"evaluation_policy": "shaped"}, soon)
     brief = DEEP | {"floor_updates": 50}

@@ -30,3 +30,6 @@ CORRECTED = Plot("corrected_share", "share of states where delta changes the sou
 GUIDE_STEPS = Plot("guide_steps", "steps that the source takes at the start of an episode", "steps")
 PSI = Plot("psi", "psi, the probability of the source's action", "psi", share=True)
 KNOWN = Plot("known", "how far the remembered states are known", "share", share=True)
+TRANSFER_LEADS = Plot("transfer_leads", "whether the transferred network leads", "leads", share=True)
+GIVEN_UP = Plot("given_up", "whether the transferred network was given up", "given up", share=True)
+PROBE_DIFFERENCE = Plot("probe_difference", "return of the transferred network less that from scratch", "return")

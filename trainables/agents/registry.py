@@ -12,6 +12,7 @@ from trainables.agents.builtin.baselines.kickstart import KICKSTART
 from trainables.agents.builtin.baselines.ppr_dqn import PPR_DQN
 from trainables.agents.builtin.baselines.relative_shaping import RELATIVE_ES
 from trainables.agents.builtin.baselines.replay_seed import REPLAY_SEED
+from trainables.agents.builtin.baselines.safe_start import SAFE_START
 from trainables.agents.builtin.baselines.warm_start import WARM_START
 from trainables.agents.builtin.delta_select import DELTA_SELECT
 from trainables.agents.builtin.delta_select_es import DELTA_SELECT_ES
@@ -44,6 +45,7 @@ AGENTS: dict[str, Agent] = {
         DPBA,
         DELTA_DPBA,
         WARM_START,
+        SAFE_START,
         CORRECTED_ES,
         RELATIVE_ES,
         JSRL,

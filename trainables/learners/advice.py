@@ -22,7 +22,7 @@ from trainables.learners.advice_statistics import (
     largest_delta,
     take_note,
 )
-from trainables.learners.replay_buffer import Batch
+from trainables.learners.replay_buffer import Batch, Replay
 from trainables.networks.network import Network
 from trainables.numerics.jit import compiled
 from trainables.numerics.matmul import F32
@@ -63,6 +63,7 @@ class Run(NamedTuple):
     exploration: np.random.Generator
     remembered: Callable[[], F32]
     """Returns states from the replay buffer, (n, inputs)."""
+    replay: Replay
 
 
 class Advice:
@@ -90,6 +91,9 @@ class Advice:
 
     def episode(self, number: int) -> None:
         """Prepare for an episode; the first is number 0."""
+
+    def ended(self, undiscounted: float) -> None:
+        """Take note of the undiscounted return of the training episode that has ended."""
 
     def guided(self, observation: F32) -> int | None:
         """Return the source's action where the source acts instead of the agent, else None. Called while kappa > 0."""
@@ -121,6 +125,10 @@ class Advice:
     def evaluated(self, values: F32, observations: F32) -> F32:
         """Return the values (n, actions) that greedy evaluation maximises; `values` (n, actions), Q's, may change."""
         return values
+
+    def kept(self, q: Network) -> Network:
+        """Return the network that is kept as what the agent has learned: `q`, or another one that is better now."""
+        return q
 
     def statistics(self, observations: F32) -> dict[str, float]:
         """Return the advice's statistics over states (n, inputs)."""

@@ -54,7 +54,9 @@ class DeepLearner:
         self._evaluation_envs: list[Environment] = []
         self._episode = self._steps = 0
         self._losses, self._updates, self._returns, self._since = 0.0, 0, 0.0, 0  # since the last evaluation
-        self._advice.begin(Run(cell, self._q, self._target, self._rngs["exploration"], self._remembered_states))
+        self._advice.begin(
+            Run(cell, self._q, self._target, self._rngs["exploration"], self._remembered_states, self._replay)
+        )
         self._best, self._best_return = self._q.vector(), -math.inf
 
     def _build_networks(self, cell: Cell) -> None:
@@ -95,10 +97,12 @@ class DeepLearner:
         """Train for `episodes` more episodes. Raises TrainingError where a number is no longer finite."""
         for _ in range(episodes):
             observation = self._env.reset(_seed(self._rngs["training_env"]))
+            before = self._returns
             self._advice.episode(self._episode)
             done = self._run_compiled(observation)
             while not done:
                 observation, done = self._step(observation)
+            self._advice.ended(self._returns - before)
             self._episode += 1
         self._since += episodes
 
@@ -201,7 +205,7 @@ class DeepLearner:
         undiscounted, discounted = (float(values.mean()) for values in returns)
         point = EvalPoint(self._episode, self._steps, undiscounted, discounted, training, self._statistics())
         if undiscounted >= self._best_return:
-            self._best, self._best_return = self._q.vector(), undiscounted
+            self._best, self._best_return = self._advice.kept(self._q).vector(), undiscounted
         self._losses, self._updates, self._returns, self._since = 0.0, 0, 0.0, 0
         self._advice.advised[:] = 0.0
         return point
@@ -234,7 +238,7 @@ class DeepLearner:
         return Knowledge(
             {
                 "sizes": self._q.sizes.copy(),
-                "last": self._q.vector(),
+                "last": self._advice.kept(self._q).vector(),
                 "best": self._best.copy(),
                 "best_return": np.array(self._best_return),
                 "steps": np.array(self._steps, dtype=np.int64),

@@ -41,6 +41,7 @@ SMALL: dict[str, Any] = {
 }
 AGENTS: dict[str, dict[str, Any]] = {
     "warm_start": {},
+    "safe_start": {},
     "corrected_es": {},
     "relative_es": {"floor_updates": 20},
     "jsrl": {},

@@ -21,7 +21,7 @@ CHANGED = {
     "cartpole": ["gravity=5x", "pole_length=2x", "pole_mass=2x", "cart_mass=2x"],
     "acrobot": ["link_mass=1.5", "link_length_1=1.2", "link_length_2=0.8"],
     "lunar_lander": ["mass=1.1", "gravity=-5", "wind_power=10", "turbulence_power=1"],
-    "reacher": ["y_force=0.75", "gravity=-9.81", "damping=2x", "gear=0.5x"],
+    "reacher": ["y_force=0.75", "gravity=-9.81", "damping=2x", "gear=0.5x", "control_cost=0"],
 }
 
 
@@ -108,6 +108,12 @@ def pushed_reacher() -> gymnasium.Env:
     return Pushed(env)
 
 
+def falling_reacher() -> gymnasium.Env:
+    env = gymnasium.make("Reacher-v5", reward_control_weight=0.0)
+    env.unwrapped.model.opt.gravity[1] = 0.75  # type: ignore[attr-defined]
+    return env
+
+
 @pytest.mark.parametrize(
     ("task", "build"),
     [
@@ -116,6 +122,7 @@ def pushed_reacher() -> gymnasium.Env:
         ("lunar_lander:mass=1.5", heavy_lander),
         ("lunar_lander:gravity=-6,wind_power=12,turbulence_power=1.2", windy_lander),
         ("reacher:y_force=0.75", pushed_reacher),
+        ("reacher:gravity=0.75,control_cost=0", falling_reacher),
     ],
 )
 def test_the_papers_targets_equal_an_independently_built_environment(

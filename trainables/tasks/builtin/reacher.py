@@ -16,7 +16,7 @@ def build(context: Context) -> gymnasium.Env:
 
     from trainables.tasks.builtin.reacher_env import DiscreteReacher
 
-    env = DiscreteReacher(context["y_force"])
+    env = DiscreteReacher(context["y_force"], context["control_cost"])
     if context["gravity"]:
         env.model.opt.gravity[1] = context["gravity"]
     if context["damping"] != 1.0:
@@ -43,6 +43,7 @@ FAMILY = TaskFamily(
         ContextFeature("gravity", 0.0, "gravity along y in m/s^2; it moves the target too", number(-1000, 1000)),
         ContextFeature("damping", 1.0, "damping of both joints", number(0, 1000)),
         ContextFeature("gear", 200.0, "torque of both motors at full action", number(0, 10_000)),
+        ContextFeature("control_cost", 1.0, "weight of the torques' squares in the reward", number(0, 1000)),
         ContextFeature("limit", 50.0, "steps until an episode is truncated", number(1, 100_000)),
     ),
     defaults={"episodes": 3000, "hidden_size": 256, "batch_size": 128, "target_update": 1000},

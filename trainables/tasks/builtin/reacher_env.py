@@ -23,8 +23,8 @@ class DiscreteReacher(ReacherEnv):
     A step calls MuJoCo once, and reads Gymnasium's observation and reward from MuJoCo's memory.
     """
 
-    def __init__(self, y_force: float = 0.0) -> None:
-        super().__init__()
+    def __init__(self, y_force: float = 0.0, control_cost: float = 1.0) -> None:
+        super().__init__(reward_control_weight=control_cost)
         self.action_space = Discrete(len(TORQUES))
         self._y_force = y_force
         self._fingertip = self.model.body("fingertip").id
