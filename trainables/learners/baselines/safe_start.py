@@ -57,8 +57,8 @@ class SafeStart(Advice):
         seeds = seed_sequence(run.cell.seed, "advice", run.cell.task)
         generator.manual_seed(int(seeds.generate_state(1)[0]))
         shape = inputs, self._actions, self.settings.learning_rate
-        self._network = new_network(self.settings, *shape, generator, beside=run.q)
-        self._target = new_network(self.settings, *shape, beside=run.q)
+        self._network = new_network(self.settings, *shape, generator, shares_with=run.q)
+        self._target = new_network(self.settings, *shape, shares_with=run.q)
         if self.settings.begins == "source":
             self._network.load_vector(vector)
         self._target.load_vector(self._network.vector())
