@@ -60,7 +60,7 @@ def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | 
 
 
 def confirmed_table(groups: Sequence[Group]) -> Sheet:
-    """Return what a confirmation says of the selected configurations, beside the AUC that they were selected by."""
+    """Return what a confirmation says of the selected configurations, next to the AUC that they were selected by."""
     from orchestrator.analysis.metrics import METRICS
     from orchestrator.analysis.summary_table import CONFIRMED, CONFIRMED_COLUMNS, confirmed_texts
     from trainables.plugins.names import short

@@ -51,7 +51,7 @@ def confirmed(selected: dict[Key, Selected], cells: pd.DataFrame) -> dict[Key, G
 def attach(
     every: list[Group], selected: dict[Key, Selected], cells: pd.DataFrame
 ) -> tuple[list[Group], dict[Key, Selected]]:
-    """Return groups and selection, with what the confirmation says beside each selected configuration."""
+    """Return groups and selection, with the confirmation of each selected configuration."""
     said = confirmed(selected, cells)
     new = {selected[key].best.id: replace(selected[key].best, confirmed=group) for key, group in said.items()}
     chosen = {key: replace(one, best=new.get(one.best.id, one.best)) for key, one in selected.items()}

@@ -24,7 +24,7 @@ COLUMNS = (
 
 
 CONFIRMED = tuple(metric for metric in METRICS if metric.key in ("auc", "transfer_ratio", "difference"))
-"""What a table says of a confirmation, beside the numbers of the seeds that selected the configuration."""
+"""What a table shows of a confirmation, next to the numbers of the seeds that selected the configuration."""
 
 
 CONFIRMED_COLUMNS = ("unseen seeds", *(f"confirmed {metric.heading}" for metric in CONFIRMED))
@@ -38,7 +38,7 @@ def confirmed_texts(found: Group | None) -> tuple[str, ...]:
 
 
 def text_table(groups: Sequence[Group]) -> pd.DataFrame:
-    """Return the table for people: a row per configuration; what a confirmation says stands beside its row."""
+    """Return the table for people: a row per configuration, with its confirmation where there is one."""
     if not any(group.confirmed for group in groups):
         return pd.DataFrame([row(group) for group in groups], columns=list(COLUMNS))
     rows = [(*row(group), *confirmed_texts(group.confirmed)) for group in groups]
@@ -87,7 +87,7 @@ def numbers(group: Group) -> dict[str, Any]:
 
 
 def confirmed_numbers(found: Group) -> dict[str, Any]:
-    """Return the numbers of a confirmation, as columns beside those of the seeds that selected the configuration."""
+    """Return the numbers of a confirmation, as columns next to those of the seeds that selected the configuration."""
     record: dict[str, Any] = {"confirmed_seeds": len(found.seeds), "confirmed_verdict": found.verdict}
     for metric in METRICS:
         record |= {

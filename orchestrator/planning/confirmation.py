@@ -53,7 +53,7 @@ def confirm_source_arms(space: SearchSpace, choices: Sequence[Choices], pretrain
 def with_unseen(
     choices: Sequence[Choices], arms: Sequence[Mapping[str, Arm]], outcome: Callable[[Arm], Mapping[int, SourceRun]]
 ) -> list[Choices]:
-    """Return the outcomes of stage 1 with the unseen seeds' own source runs beside them; lost where one is missing."""
+    """Return the outcomes of stage 1 with the unseen seeds' own source runs added; lost where one is missing."""
     return [
         {task: _extended(choice, asked[task], outcome) if task in asked else choice for task, choice in by_task.items()}
         for by_task, asked in zip(choices, arms, strict=True)

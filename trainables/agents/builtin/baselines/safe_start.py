@@ -23,7 +23,7 @@ class SafeStart(DQN):
     advice: ClassVar[Any] = "trainables.learners.baselines.safe_start:SafeStart"
 
     begins: Literal["source", "fresh"] = "source"
-    """The second network's weights at the start; fresh: anew, the ablation of two networks without transfer."""
+    """The second network's weights at the start; fresh: random weights, an ablation without transfer."""
     cycle: Annotated[int, Field(ge=4, le=1000)] = 4
     """Episodes of which one is a probe of each network."""
     recent: Annotated[int, Field(ge=5, le=1000)] = 20
