@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from trainables.curve import EvalPoint
@@ -42,3 +43,40 @@ def test_points_are_equal_whatever_the_clock_said() -> None:
     point = EvalPoint(1, 2, 3.0, 4.0, None, {}, seconds=1.0)
     assert point == EvalPoint(1, 2, 3.0, 4.0, None, {}, seconds=2.0)
     assert point != EvalPoint(1, 2, 3.5, 4.0, None, {}, seconds=1.0)
+
+
+def plain_return(model: TransitionModel, policy: NDArray[np.int64], gamma: float) -> tuple[float, float]:
+    """The same sums in the same order, state by state."""
+    p, (states, actions) = model.transitions, model.rewards.shape
+    now, total, discounted = np.zeros(states), 0.0, 0.0
+    now[model.start] = 1.0
+    discount = 1.0
+    for _ in range(model.time_limit):
+        reward, after = 0.0, np.zeros(states)
+        for state in np.flatnonzero(now):
+            row = state * actions + policy[state]
+            reward += now[state] * model.rewards[state, policy[state]]
+            for at in range(p.indptr[row], p.indptr[row + 1]):
+                after[p.indices[at]] += now[state] * p.data[at]
+        total, discounted = total + reward, discounted + discount * reward
+        discount *= gamma
+        now = after
+    return float(total), float(discounted)
+
+
+@pytest.mark.parametrize("time_limit", [1, 4, 7, 30])
+def test_the_exact_return_has_the_bits_of_the_plain_sum(time_limit: int) -> None:
+    rng = np.random.default_rng(time_limit)
+    for states in (1, 2, 9, 40):
+        actions = 3
+        dense = rng.random((states * actions, states)) * (rng.random((states * actions, states)) < 0.2)
+        dense[rng.random(states * actions) < 0.2] = 0.0  # states that end an episode
+        rows = csr_array(dense / np.maximum(dense.sum(axis=1, keepdims=True), 1e-9))
+        model = TransitionModel(rows, rng.normal(size=(states, actions)), int(rng.integers(states)), time_limit)
+        for _ in range(5):
+            policy = rng.integers(0, actions, states)
+            assert expected_return(model, policy, 0.9) == plain_return(model, policy, 0.9)
+    grid = model_of("windy_gridworld")
+    policy = rng.integers(0, 4, grid.rewards.shape[0])
+    model = TransitionModel(grid.transitions, grid.rewards, grid.start, time_limit)
+    assert expected_return(model, policy, 0.99) == plain_return(model, policy, 0.99)
