@@ -85,10 +85,9 @@ def write(images: Iterator[Image], path: Path) -> None:
     if path.suffix == ".mp4":
         _mp4([*every, *itertools.repeat(every[-1], round(REST * rate))], rate, path)
         return
-    import imageio.v3 as imageio
-
-    seconds = [1000 / rate] * (len(every) - 1) + [1000 * REST]
-    imageio.imwrite(path, every, extension=".gif", plugin="pillow", duration=seconds, loop=0)
+    first, *rest = (Pictures.fromarray(image) for image in every)
+    milliseconds = [round(1000 / rate)] * len(rest) + [round(1000 * REST)]
+    first.save(path, "GIF", save_all=True, append_images=rest, duration=milliseconds, loop=0)
 
 
 def _mp4(images: Sequence[Image], rate: float, path: Path) -> None:

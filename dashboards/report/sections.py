@@ -15,6 +15,7 @@ from dashboards.figures import (
     evaluation_curves,
     forest,
     gate,
+    importance,
     sensitivity,
     transfer_matrix,
 )
@@ -51,7 +52,7 @@ def figures(findings: Findings, missing: list[str] | None = None) -> list[Figure
 
     A figure that raises is Absent too, and `missing` gets a sentence on it; the others are drawn all the same.
     """
-    charts = (transfer_matrix, evaluation_curves, delta_effect, gate, forest, sensitivity, advice_fraction)
+    charts = (transfer_matrix, evaluation_curves, delta_effect, gate, forest, importance, sensitivity, advice_fraction)
     wanted: list[tuple[str, str, Callable[[Findings], Figure]]]
     wanted = [(module.NAME, module.TITLE, module.chart) for module in charts]
     drawn = []
@@ -81,13 +82,17 @@ def sections(findings: Findings, drawn: list[Figure]) -> tuple[list[Section], li
         Section("forest", "Transfer ratios", "", (of[forest.NAME],)),
         Section("delta", "Delta against transfer effect", _EFFECT, (of[delta_effect.NAME], *_correlations(findings))),
         Section("gate", "Gate and advice over time", "", (of[gate.NAME],)),
-        Section("hyperparameters", "Hyperparameters", "", (of[sensitivity.NAME], of[advice_fraction.NAME])),
+        Section("hyperparameters", "Hyperparameters", "", _hyperparameters(of)),
         Section("cells", "Failed and missing cells", "", _cells(findings)),
     ]
     absent = [item for section in planned for item in section.content if isinstance(item, Absent)]
     left = [_without_absent(section) for section in planned]
     best = bool(findings.best)
     return [one for one in left if one.content or (one.id == "hyperparameters" and best)], absent
+
+
+def _hyperparameters(of: dict[str, Figure]) -> tuple[Figure, ...]:
+    return of[importance.NAME], of[sensitivity.NAME], of[advice_fraction.NAME]
 
 
 def _without_absent(section: Section) -> Section:

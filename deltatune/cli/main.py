@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from collections.abc import Sequence
+
 import typer
 from typer.exceptions import TyperException
 
 from deltatune.cli.app import app
-from deltatune.cli.commands import catalogue, cluster, custom_code, dataset, manage, play, sources, sweep, sweeps
+from deltatune.cli.commands import (
+    catalogue,
+    cluster,
+    custom_code,
+    dataset,
+    importance,
+    manage,
+    play,
+    sources,
+    sweep,
+    sweeps,
+)
 from deltatune.cli.streams import Streams
 from trainables.errors import InputError, from_validation
 
@@ -16,6 +31,7 @@ __all__ = [
     "cluster",
     "custom_code",
     "dataset",
+    "importance",
     "main",
     "manage",
     "play",
@@ -42,7 +58,7 @@ def _run() -> int:
     from orchestrator.errors import exit_code, sentence
 
     try:
-        return _code(app(standalone_mode=False))
+        return _code(app(args=anywhere(sys.argv[1:]), standalone_mode=False))
     except SystemExit as end:
         return _code(end.code)
     except typer.Abort:
@@ -58,6 +74,13 @@ def _run() -> int:
             raise
         typer.echo(f"error: {sentence(error)}", err=True)
         return code
+
+
+def anywhere(words: Sequence[str]) -> list[str]:
+    """Return a command line with -q and -v in front, where they work; people write them at its end too."""
+    end = words.index("--") if "--" in words else len(words)
+    common = [word for word in words[:end] if re.fullmatch("-q|-v+|--quiet|--verbose", word)]
+    return [*common, *(word for word in words[:end] if word not in common), *words[end:]]
 
 
 def _usage(error: TyperException) -> str:

@@ -23,6 +23,7 @@ from orchestrator.planning.confirmation import (
     expected_arms,
     with_unseen,
 )
+from orchestrator.planning.extras import require_extras
 from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
 from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, Choices, SourceChoice, settle, untrained
 from orchestrator.results.status import sweeps
@@ -100,7 +101,9 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     """Return the forecast of a sweep into the folder of `results`, which need not exist. Writes nothing.
 
     Each agent and task family without a record in the same storage is measured for about two seconds.
+    Raises InputError where a task or an agent needs an extra that is not installed.
     """
+    require_extras(space)
     ledger, costs = Ledger(results, settings.retry_failed, space, reads_only=True), _Costs(results.storage)
     arms = source_arms(space, settings.params)
     keep = any("learned" in scenario.source.kinds for scenario in space.scenarios)

@@ -17,6 +17,7 @@ from orchestrator.execution.interrupt import stop_now
 from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run_held
 from orchestrator.model_registry import pretrained
+from orchestrator.planning.extras import require_extras
 from orchestrator.results.driver_log import logging_to
 from orchestrator.results.lock import Hold, locked
 from orchestrator.results.records.record import Record
@@ -59,6 +60,7 @@ class SweepSession:
         error a sentence says where the results are.
         """
         console = console or Console(quiet=True)
+        require_extras(space)
         results = Results.prepare(storage, name)
         with _signals(), locked(results.folder, on_lost=stop_now) as hold, logging_to(results.folder):
             results.log.guard(hold)

@@ -43,3 +43,9 @@ def tracking_uri(storage: Path, given: str | None) -> str:
 def shown(uri: str) -> str:
     """Return a tracking URI without user name and password, for printing."""
     return re.sub(r"//.*@", "//***@", uri)
+
+
+def local_database(uri: str) -> Path | None:
+    """Return the file of a SQLite store, or None for another store."""
+    scheme, _, path = uri.partition(":///")
+    return Path(path) if scheme.split("+")[0] == "sqlite" and path and path != ":memory:" else None

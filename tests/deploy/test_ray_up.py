@@ -46,7 +46,7 @@ def test_the_head_runs_no_cells_and_the_workers_are_spot_and_fixed_in_number() -
 def test_every_node_has_the_pinned_packages_and_the_token() -> None:
     (install,) = [command for command in CONFIG["setup_commands"] if "pip install" in command]
     assert "--constraint constraints.txt" in install
-    assert "'.[cluster,s3]'" in install
+    assert "'.[all]'" in install
     assert CONFIG["file_mounts"]["/home/ubuntu/deltatune"] == "."
     assert CONFIG["file_mounts"]["/home/ubuntu/.ray/auth_token"] == "~/.ray/auth_token"
     for commands in (CONFIG["head_start_ray_commands"], CONFIG["worker_start_ray_commands"]):

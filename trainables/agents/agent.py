@@ -46,6 +46,11 @@ class Agent:
     scale of Algorithm 1."""
 
     @property
+    def extra(self) -> str:
+        """The extra of the package that its learner needs; empty: none."""
+        return "deep" if self.kind == "deep" and self.origin == "built-in" else ""
+
+    @property
     def needs_source(self) -> bool:
         """Whether cells of this agent need a source."""
         return self.base is not None

@@ -10,6 +10,7 @@ from trainables.agents.named import entry
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
+from trainables.extras import require
 from trainables.knowledge import Knowledge
 
 log = logging.getLogger("deltatune.learners")
@@ -49,7 +50,8 @@ def prepare(agents: Iterable[str]) -> None:
 
 
 def new_learner(cell: Cell, source: Knowledge | None) -> Learner:
-    """Return a new learner of `cell`."""
+    """Return a new learner of `cell`. Raises InputError where it needs an extra that is missing."""
     agent = agent_named(cell.agent)
+    require({agent.name: agent.extra})
     learner: Learner = entry(agent.learner)(cell, source)
     return learner

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from trainables.extras import require
 from trainables.tasks.spec.family import Task
 
 if TYPE_CHECKING:
@@ -11,7 +12,8 @@ if TYPE_CHECKING:
 
 
 def make_env(task: Task) -> gymnasium.Env:
-    """Return a new environment of `task`, time limit included."""
+    """Return a new environment of `task`, time limit included. Raises InputError where its simulator is missing."""
+    require({task.name: task.family.extra})
     if task.family.build is not None:
         env = task.family.build(task.context)
         if task.family.origin == "built-in":

@@ -9,7 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, Sweep, app, out, print_json, program
+from deltatune.cli.app import (
+    RESULTS,
+    RUN_PANEL,
+    Json,
+    Storage,
+    Sweep,
+    TrackingUri,
+    app,
+    out,
+    print_json,
+    print_named,
+    program,
+)
 from deltatune.cli.sheet import table
 from deltatune.cli.tables import duration
 
@@ -136,14 +148,40 @@ def mv(
     name: Sweep,
     new: Annotated[str, typer.Argument(metavar="NEW_NAME", help="The new name.")],
     storage: Storage = RESULTS,
+    tracking_uri: TrackingUri = None,
     as_json: Json = False,
 ) -> None:
-    """Rename a sweep. MLflow keeps its runs under the old name; 'deltatune sync NEW_NAME' writes them under the new."""
+    """Rename a sweep, and its runs in MLflow."""
     from orchestrator.results.admin import rename
     from orchestrator.results.sweep_folder import Results
+    from orchestrator.tracking.uri import tracking_uri as store_uri
 
+    uri = store_uri(storage, tracking_uri)
     moved = rename(Results.open(storage, name), new)
+    runs = _rename_in_mlflow(moved, name, uri)
     if as_json:
-        print_json({"sweep": moved.name, "folder": str(moved.folder)})
-    else:
-        out.print(f"renamed {name} to {moved.name}: {moved.folder}", soft_wrap=True)
+        print_json({"sweep": moved.name, "folder": str(moved.folder), "mlflow_runs": runs})
+        return
+    out.print(f"renamed {name} to {moved.name}: {moved.folder}", soft_wrap=True)
+    if runs:
+        out.print(f"MLflow:   {runs} runs have the new name", soft_wrap=True)
+
+
+def _rename_in_mlflow(moved: Results, old: str, uri: str) -> int:
+    """Rename a sweep's runs, and return how many there are; a store that does not answer is named in a warning."""
+    from orchestrator.process_env import prepare
+    from orchestrator.tracking.trackers import kind_of
+    from orchestrator.tracking.uri import local_database
+
+    path = local_database(uri) if kind_of(uri).has_registry else None
+    if not kind_of(uri).has_registry or (path is not None and not path.exists()):
+        return 0
+    prepare()
+    from orchestrator.tracking.mlflow.rename import rename_runs
+
+    try:
+        return rename_runs(moved, old, uri)
+    except Exception as error:  # whatever a store and its connection raise; the sweep itself is renamed
+        what = f"{str(error).splitlines()[0]}; '{program()} sync {moved.name}' writes its runs under the new name"
+        print_named("MLflow keeps the old name", what, "yellow")
+        return 0

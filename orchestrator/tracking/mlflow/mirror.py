@@ -12,6 +12,7 @@ stamps, which MLflow stores once.
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import time
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import pandas as pd
-from mlflow.entities import Metric, Param, Run, RunTag
+from mlflow.entities import DatasetInput, Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 
@@ -28,6 +29,7 @@ from orchestrator.analysis.curves import NO_CURVE, mean_curves
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import cell_name, configuration_name, group_name
+from orchestrator.analysis.summary_table import number_table
 from orchestrator.results.records.record import Head, Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.results.tables.cell_row import cell_row
@@ -35,6 +37,7 @@ from orchestrator.tracking.configurations import Configurations
 from orchestrator.tracking.mlflow.description import markdown
 from orchestrator.tracking.mlflow.experiment import find_experiment
 from orchestrator.tracking.mlflow.fields import CELL_METRICS, cell_tags, group_figures, places, sweep_metrics, thinned
+from orchestrator.tracking.mlflow.inputs import TABLE, tasks_of
 from orchestrator.tracking.mlflow.store import connect
 from trainables.cell import Cell, content_id
 from trainables.storage.folders import local_copy
@@ -44,12 +47,20 @@ logging.getLogger("mlflow").setLevel(logging.WARNING)  # keeps its lines on data
 PARENT = "mlflow.parentRunId"
 """The tag by which MLflow nests a run under another."""
 
+LOGGED_TABLES = "mlflow.loggedArtifacts"
+"""The tag by which MLflow's pages find a run's tables."""
+
 BATCH = 800
 """Metrics per call, which may hold 1000 items; the first call has parameters and tags too."""
 
 
 _NO_CURVE = ("episode", "step", "seconds", "discounted_return")
 """Columns of a record without a curve in MLflow."""
+
+
+def sweep_id(name: str, created: float) -> str:
+    """Return the tag by which the runs of a sweep are found."""
+    return content_id([name, created])
 
 
 class _Known(NamedTuple):
@@ -75,7 +86,7 @@ class Mirror:
         self._check = check
         self._results, self._configurations = results, Configurations(results)
         meta = results.meta()
-        self._sweep_id = content_id([results.name, meta["created"]])
+        self._sweep_id = sweep_id(results.name, meta["created"])
         self._meta = meta
         self._connected = connect(uri)
         self._experiment = find_experiment(
@@ -149,6 +160,7 @@ class Mirror:
             0.0,
             "FINISHED",
             self.parent,
+            tasks_of(group),
         )
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
@@ -164,6 +176,7 @@ class Mirror:
             self.parent, "mlflow.note.content", markdown(self._results, findings.groups, findings.best)
         )
         self._log_sweep_metrics(sweep_metrics(findings.groups, findings.best))
+        self._log_table(findings)
         for path in artifacts:
             folder = Path(path.parent.relative_to(self._results.folder).as_posix())
             with local_copy(path) as file:
@@ -194,6 +207,14 @@ class Mirror:
                 known = known._replace(parent=above.run_id)
             self._known[key] = known._replace(groups=groups)
 
+    def _log_table(self, findings: Findings) -> None:
+        """Write every configuration's numbers as MLflow's own kind of table; `log_table` would append to an old one."""
+        if not findings.groups:
+            return
+        text = number_table(findings.groups).to_json(orient="split", index=False)
+        self._client.log_text(self.parent, text, TABLE)
+        self._client.set_tag(self.parent, LOGGED_TABLES, json.dumps([{"path": TABLE, "type": "table"}]))
+
     def _log_sweep_metrics(self, metrics: Mapping[str, float]) -> None:
         """Log the metrics of the sweep's run, except those that it has already."""
         there = self._client.get_run(self.parent).data.metrics
@@ -221,6 +242,7 @@ class Mirror:
         seconds: float,
         status: str,
         above: str,
+        inputs: Sequence[DatasetInput] = (),
     ) -> None:
         """Find or create the run of `key`, and fill it; its status is set last, and thereby marks it as complete."""
         known, digest = self._known.get(key), tags["digest"]
@@ -244,6 +266,8 @@ class Mirror:
         for number, batch in enumerate(batches):
             first = number == 0
             self._client.log_batch(known.run_id, batch, texts if first else (), late if first else ())
+        if inputs:
+            self._client.log_inputs(known.run_id, inputs)
         self._client.set_terminated(known.run_id, status, stamp)
         self._known[key] = known._replace(whole=True)
 

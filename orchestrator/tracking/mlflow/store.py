@@ -21,6 +21,7 @@ from sqlalchemy import event
 from sqlalchemy.exc import SQLAlchemyError
 
 from orchestrator.errors import SweepError
+from orchestrator.tracking.uri import local_database
 from trainables.storage import disk
 
 PREFIX = ".mlflow-new-"
@@ -50,12 +51,6 @@ def connect(uri: str) -> MlflowClient:
             f"MLflow's database {path} is damaged or incomplete; the results are complete without it: "
             f"move it away (mv {path} {path}.damaged), and 'deltatune sync SWEEP' writes each sweep again"
         ) from None
-
-
-def local_database(uri: str) -> Path | None:
-    """Return the file of a SQLite store, or None for another store."""
-    scheme, _, path = uri.partition(":///")
-    return Path(path) if scheme.split("+")[0] == "sqlite" and path and path != ":memory:" else None
 
 
 def make(path: Path) -> None:

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from deltatune.cli.main import app
+from deltatune.cli.main import anywhere, app
 from orchestrator.results.lock import locked
 from orchestrator.results.sweep_folder import Results
+from tests.deltatune.cli.in_process import command
 from trainables.errors import InputError
 
 
@@ -82,3 +83,14 @@ def test_watch_and_logs_speak_json(storage: str) -> None:
     (line,) = run("watch", "small", "--storage", storage, "--json").splitlines()
     assert json.loads(line)["stages"]["transfer"]["done"] == 28
     assert all("line" in json.loads(line) for line in run("logs", "small", "--storage", storage, "--json").splitlines())
+
+
+@pytest.mark.parametrize("words", [("-q", "list"), ("list", "-q"), ("list", "--quiet")])
+def test_quiet_is_taken_before_and_after_a_command(words: tuple[str, ...], storage: str) -> None:
+    code, said, complaint = command(*words, "--storage", storage)
+    assert (code, complaint) == (0, "")
+    assert "small" in said
+
+
+def test_what_follows_two_dashes_stays_where_it_is() -> None:
+    assert anywhere(["status", "-v", "--", "-q"]) == ["-v", "status", "--", "-q"]

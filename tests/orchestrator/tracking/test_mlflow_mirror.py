@@ -9,6 +9,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import mlflow
 import pytest
 from conftest import CELLS
 from mlflow.entities import Run
@@ -317,3 +318,46 @@ def _copy(results: Results, tmp_path: Path) -> Results:
 def _auc(results: Results, cell_id: str) -> float:
     cells, _ = results.tables()
     return float(cells.set_index("cell_id").at[cell_id, "auc"])
+
+
+def test_an_aggregate_has_its_target_and_its_source_task_as_datasets(mirrored: Results) -> None:
+    for run in runs(mirrored, "tags.kind = 'aggregate'"):
+        found = {
+            (each.dataset.name, each.tags[0].value)
+            for each in client(mirrored).get_run(run.info.run_id).inputs.dataset_inputs
+        }
+        tags = run.data.tags
+        wanted = {(tags["task"], "target" if tags["stage"] == "transfer" else "source")}
+        wanted |= {(tags["source_task"], "source")} if tags["source"] != "none" else set()
+        assert found == wanted
+        assert len(found) == len(client(mirrored).get_run(run.info.run_id).inputs.dataset_inputs)
+
+
+def test_the_sweeps_run_has_its_configurations_as_a_table_once(mirrored: Results) -> None:
+    findings, uri = find(mirrored), tracking_uri(mirrored.storage, None)
+    sync(findings, uri, artifacts(mirrored))
+    parent = runs(mirrored, "tags.kind = 'sweep'")[0].info
+    mlflow.set_tracking_uri(uri)
+    try:
+        table = MlflowClient().load_table(parent.experiment_id, "results.json", [parent.run_id])
+    finally:
+        mlflow.set_tracking_uri(None)  # type: ignore[arg-type]
+    assert sorted(table["auc"]) == pytest.approx(sorted(group.auc.value for group in findings.groups if group.auc))
+    assert {"transfer_ratio", "transfer_ratio_low", "verdict", "agent", "task"} <= set(table)
+
+
+def test_a_renamed_sweep_keeps_its_runs(mirrored: Results, tmp_path: Path) -> None:
+    from orchestrator.results.admin import rename
+    from orchestrator.tracking.mlflow.rename import rename_runs
+
+    shutil.copytree(mirrored.storage, tmp_path / "copy")
+    uri = tracking_uri(tmp_path / "copy", None)
+    before = {run.info.run_id for run in runs(Results.open(tmp_path / "copy", "small"))}
+    moved = rename(Results.open(tmp_path / "copy", "small"), "large")
+    assert rename_runs(moved, "small", uri) == len(before)
+    assert rename_runs(moved, "small", uri) == 0
+    publish(moved)
+    sync(find(moved), uri, artifacts(moved))
+    assert {run.info.run_id for run in runs(moved)} == before
+    assert {run.data.tags["sweep"] for run in runs(moved)} == {"large"}
+    assert runs(moved, "tags.kind = 'sweep'")[0].info.run_name == "large"

@@ -11,7 +11,8 @@ import sqlalchemy
 from mlflow.store.db import utils
 
 from orchestrator.errors import SweepError
-from orchestrator.tracking.mlflow.store import PREFIX, connect, local_database, make
+from orchestrator.tracking.mlflow.store import PREFIX, connect, make
+from orchestrator.tracking.uri import local_database
 
 
 class Killed(BaseException):

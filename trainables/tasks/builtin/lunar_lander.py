@@ -47,4 +47,5 @@ FAMILY = TaskFamily(
     targets=("lunar_lander:mass=1.1", "lunar_lander:mass=1.5", "lunar_lander:mass=0.75"),
     build=build,
     plain=plain,
+    extra="box2d",
 )

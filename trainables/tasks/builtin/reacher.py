@@ -50,4 +50,5 @@ FAMILY = TaskFamily(
     targets=("reacher:y_force=0.75", "reacher:y_force=1"),
     build=build,
     plain=plain,
+    extra="mujoco",
 )

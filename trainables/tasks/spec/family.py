@@ -88,6 +88,8 @@ class TaskFamily:
     """Raises InputError for values that are allowed alone but not together."""
     plain: Callable[[], gymnasium.Env] | None = None
     """Makes the environment without deltatune, which the task at its defaults must equal bit for bit."""
+    extra: str = ""
+    """The extra of the package that its simulator needs; empty: none."""
     origin: Literal["built-in", "custom", "missing"] = "built-in"
     """missing: a custom task whose code is not loaded."""
 
