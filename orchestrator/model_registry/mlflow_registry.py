@@ -33,7 +33,6 @@ from orchestrator.model_registry.source_models import (
     steps_text,
 )
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking.mlflow.inputs import link_sources
 from orchestrator.tracking.mlflow.store import connect
 from orchestrator.tracking.uri import shown
 from trainables.errors import InputError
@@ -72,7 +71,7 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
     client = connect(uri)
     below = client.get_run(parent)
     names = list(dict.fromkeys(model_name(model.cell.task) for model in found))
-    remarks, linked = {}, dict[str, str]()
+    remarks = {}
     for name in names:
         models = [model for model in found if model_name(model.cell.task) == name]
         known = _model(client, name, models[0].cell.task)
@@ -83,10 +82,8 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
                 known[key] = _write(client, name, model, below)
             else:
                 _add_steps(client, version, model)
-        linked |= {cell: str(version.model_id) for (cell, _), version in known.items() if version.model_id}
         best = _point(client, name, list(known.values()))
         remarks[name] = f" ({best.tags['learned']})" if "learned" in best.tags else ""
-    link_sources(client, results, (str(below.info.experiment_id), below.data.tags["sweep_id"]), linked)
     return [f"models:/{name}@{ALIAS}{remarks[name]}" for name in names]
 
 
