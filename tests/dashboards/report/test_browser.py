@@ -159,7 +159,7 @@ def test_a_table_is_saved_as_csv(visit: Visit, address: str, tmp_path: Path) -> 
     assert download.value.suggested_filename == "synthetic-best.csv"
     download.value.save_as(tmp_path / "best.csv")
     lines = (tmp_path / "best.csv").read_text().splitlines()
-    assert lines[0].startswith("task,agent,source,source_task,pick,settings")
+    assert lines[0].startswith("task,agent,source,source_task,pick,source_networks,settings")
     assert len(lines) == 1 + len(column(visit.page, 1))
 
 

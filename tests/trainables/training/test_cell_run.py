@@ -127,7 +127,7 @@ def test_a_checkpoint_of_another_layout_costs_the_checkpoint_and_not_the_cell(
     assert f"{CELL.id}) starts again, its checkpoint is unusable: " in caplog.text
 
 
-def test_a_storage_that_times_out_at_resume_starts_the_cell_anew_with_a_new_learner(
+def test_a_storage_that_times_out_at_resume_starts_the_cell_again_with_a_new_learner(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     whole = begun(tmp_path)
@@ -141,7 +141,7 @@ def test_a_storage_that_times_out_at_resume_starts_the_cell_anew_with_a_new_lear
     found = run_cell(CELL, lambda cell: None, checkpoints=tmp_path)
     assert found is not None
     assert (found.status, found.digest) == ("done", whole.digest)
-    assert "cannot be used: TimeoutError: the storage does not answer" in caplog.text
+    assert "checkpoint is unusable: TimeoutError: the storage does not answer" in caplog.text
 
 
 def test_a_state_that_can_never_be_saved_is_said_once(
