@@ -11,9 +11,11 @@ from typing import Any
 
 import pandas as pd
 
-from orchestrator.analysis.curves import curve_bands
+from orchestrator.analysis.contrasts.table import number_table
+from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.groups import Group
+from orchestrator.analysis.over_tasks import number_table as standings
 from orchestrator.analysis.summary_table import numbers
 from orchestrator.results.sweep_folder import Results
 from trainables.storage.paths import default_storage, storage_path
@@ -80,6 +82,23 @@ class SweepResults:
     def best(self) -> pd.DataFrame:
         """The rows of `table` with the best configuration of each task, agent and source."""
         return _frame(self.findings.best)
+
+    @property
+    def contrasts(self) -> pd.DataFrame:
+        """One row per comparison between agents, delta_es - es first, p-values plain and corrected by Holm."""
+        return number_table(self.findings.contrasts)
+
+    def contrast(self, first: str, second: str, early: bool = False) -> pd.DataFrame:
+        """Return the differences first - second between two agents on every target, paired by seed.
+
+        early: in the AUC until the advice ends. Raises InputError for what is no agent of the sweep.
+        """
+        return number_table(self.findings.contrast(first, second, measure="early_auc" if early else "auc"))
+
+    @property
+    def over_tasks(self) -> pd.DataFrame:
+        """One row per agent over all tasks with reference values: interquartile mean and other aggregates."""
+        return standings(self.findings.over_tasks)
 
     def curves(self) -> pd.DataFrame:
         """Return the mean evaluation curve of each best configuration, with its 95 % interval over seeds."""

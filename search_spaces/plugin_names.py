@@ -40,6 +40,8 @@ def pinned(data: dict[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
     result = dict(data)
     if isinstance(data.get("scenarios"), list):
         result["scenarios"] = [scenario(value) for value in data["scenarios"]]
+    if isinstance(data.get("normalise"), dict):
+        result["normalise"] = {task(key): value for key, value in data["normalise"].items()}
     if isinstance(data.get("agents"), dict):
         result["agents"] = {agent(key): value for key, value in data["agents"].items()}
     return result

@@ -5,10 +5,11 @@ from __future__ import annotations
 import functools
 import itertools
 import logging
+import math
 from math import prod
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from search_spaces.domains import Grid, Range, Strict
 from search_spaces.limits import (
@@ -22,6 +23,7 @@ from search_spaces.seeds import Seed, Seeds
 from search_spaces.source_space import Hyperparameters, Scenario, many
 from trainables.agents.agent import Agent
 from trainables.agents.registry import agent_named
+from trainables.errors import shown
 from trainables.tasks.make import make_env
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
@@ -30,6 +32,21 @@ log = logging.getLogger("deltatune.search_spaces")
 
 FIRST_UNSEEN_SEED = 1_000_000
 """The seeds of a confirmation begin here."""
+
+
+def _reference(value: object) -> object:
+    """Return [0's return, 1's return] as a pair."""
+    pair = tuple(value) if isinstance(value, list | tuple) else ()
+    numbers = all(isinstance(end, int | float) and math.isfinite(end) for end in pair)
+    if not numbers or len(pair) != 2 or not pair[0] < pair[1]:
+        raise ValueError(f"must be two returns, the lower one first, such as [20, 195] (got {shown(value)})")
+    return pair
+
+
+Reference = Annotated[
+    tuple[float, float],
+    BeforeValidator(_reference, json_schema_input_type=Annotated[list[float], Field(min_length=2, max_length=2)]),
+]
 
 
 class Scheduler(Strict):
@@ -80,6 +97,16 @@ class SearchSpace(Strict):
     search: Search = Search()
     confirm: Confirm | None = None
     """Judge what was selected on unseen seeds; None: on the seeds that selected it, which is biased in its favour."""
+    normalise: dict[str, Reference] = Field(default_factory=dict)
+    """Task, or a task family for all of its tasks, to the returns that count as 0 and as 1 where scores of several
+    tasks are put together: e.g. those of a random policy and of a solution."""
+
+    @field_validator("normalise", mode="after")
+    @classmethod
+    def _canonical(cls, value: dict[str, Reference]) -> dict[str, Reference]:
+        named = {name: parse_task(name).name for name in value}
+        _once("normalise", list(named.values()))
+        return {named[name]: pair for name, pair in value.items()}
 
     @model_validator(mode="after")
     def _consistent(self) -> SearchSpace:

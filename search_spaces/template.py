@@ -41,6 +41,8 @@ agents:  # for each hyperparameter one value, a list of values to try, or a rang
 {agents}
 # A range:  {range}  together with
 # search: {{method: random, budget: 20}}      # or method: optuna
+# Scores of several tasks on one scale, 0 for a random policy and 1 for a solution:
+# normalise: {{"{source}": [RANDOM_RETURN, SOLVED_RETURN]}}
 """
 
 

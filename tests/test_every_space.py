@@ -48,6 +48,7 @@ CUSTOM = {
         ],
         "agents": {"dqn": {}, "delta_es": {}, "delta_select_es": {}},
         "hyperparameters": {"episodes": 4, "hidden_size": 8},
+        "normalise": {TANK: [-10, -1], f"{TANK}:leak=1.5x": [-12, -1]},
     },
     "custom-agent": {
         "schema": 1,
@@ -188,6 +189,9 @@ def from_forecast_to_replay(small: SearchSpace, tmp_path: Path, monkeypatch: pyt
     assert [stage.cells - stage.done for stage in ahead.stages] == [0] * len(ahead.stages)
     assert snapshot(storage) == before, "a dry run writes nothing"
     published = publish(results)
+    if small.normalise:
+        assert published.findings.over_tasks.tasks
+        assert not published.findings.over_tasks.without_reference
     assert published.report.exists()
     deep = any(agent_named(name).kind == "deep" for name in small.agents)
     for name in formats.FORMATS:

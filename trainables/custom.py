@@ -43,6 +43,7 @@ def task(
     levels: int | None = None,
     plain: Callable[[], gymnasium.Env] | None = None,
     targets: tuple[str, ...] = (),
+    solved_at: float | None = None,
     **defaults: Scalar,
 ) -> TaskFamily:
     """Return a task with vector observations.
@@ -52,6 +53,7 @@ def task(
     levels: values of each dimension of continuous actions; it becomes a feature. None: the actions are Discrete.
     plain: makes the environment without features; None: `build` without arguments.
     targets: feature texts of the usual target tasks, e.g. ("gravity=2x",). defaults: hyperparameters for this task.
+    solved_at: the return at which it counts as solved, for the episodes that an agent needs to solve it.
     Raises InputError for features that `build` does not take, and for a name given twice.
     """
     extra = [] if levels is None else [levels_feature(float(levels))]
@@ -76,6 +78,7 @@ def task(
         targets,
         build=make,
         plain=lambda: finished((plain or build)(), {}),
+        solved_at=solved_at,
     )
 
 
@@ -83,6 +86,7 @@ def tabular_task(
     model: Callable[..., TransitionModel],
     *features: ContextFeature,
     targets: tuple[str, ...] = (),
+    solved_at: float | None = None,
     **defaults: Scalar,
 ) -> TaskFamily:
     """Return a task with finitely many states, defined by its exact model, from which training samples its steps.
@@ -104,6 +108,7 @@ def tabular_task(
         targets,
         dynamics=lambda context: from_model.dynamics(exact(context)),
         model=exact,
+        solved_at=solved_at,
     )
 
 

@@ -11,6 +11,7 @@ from scipy import stats
 from benchmarks.reproduction.claims import CLAIMS, MARGIN, Claim, Comparison
 from benchmarks.reproduction.curves import Curves
 from orchestrator.analysis import statistics
+from orchestrator.analysis.inference.multiplicity import holm
 from orchestrator.analysis.statistics import Estimate
 
 ALPHA = 1 - statistics.LEVEL
@@ -71,12 +72,3 @@ def _p(gaps: np.ndarray, alternative: str) -> float:
         zero = gaps[0] == 0 or (alternative == "greater" and gaps[0] < 0)
         return 1.0 if zero else 0.0
     return float(stats.ttest_1samp(gaps, 0.0, alternative=alternative).pvalue)
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Return Holm's step-down p-values, in the order given."""
-    order = np.argsort(p_values)
-    steps = np.asarray(p_values)[order] * (len(p_values) - np.arange(len(p_values)))
-    corrected = np.empty(len(p_values))
-    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
-    return [float(value) for value in corrected]

@@ -8,7 +8,7 @@ import pandas as pd
 
 from dashboards.figure_model import Absent, Chart, Panel, Series
 from dashboards.labels import by_source, count, heading, in_order, label, targets
-from orchestrator.analysis.curves import curve_bands
+from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dashboards.figure_model import Absent, Chart, Level, Panel
 from dashboards.figures.evaluation_curves import Bands, line
 from dashboards.labels import by_source, count, heading, in_order, listed, targets
-from orchestrator.analysis.curves import curve_bands
+from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from trainables.agents.plots import Plot

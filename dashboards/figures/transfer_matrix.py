@@ -14,6 +14,8 @@ from orchestrator.planning.arms import Key
 NAME, TITLE = "matrix", "Transfer effect, source by target"
 
 MARKS = {"helped": "▲ ", "hurt": "▼ "}
+HOLLOW = {"helped": "△ ", "hurt": "▽ "}
+"""Marks of what does not hold after the correction for all comparisons of the sweep."""
 
 
 def chart(findings: Findings) -> Matrix | Absent:
@@ -31,7 +33,8 @@ def chart(findings: Findings) -> Matrix | Absent:
     caption = (
         "Transfer ratio of each agent's best configuration. ▲ transfer helped, ▼ it hurt (negative transfer): the "
     )
-    caption += "95 % interval of the paired difference in AUC lies on one side of 0. Without a mark it is undecided."
+    caption += "95 % interval of the paired difference in AUC lies on one side of 0. Hollow: not after Holm's "
+    caption += "correction for all comparisons of the sweep. Without a mark it is undecided."
     if any(group.confirmed for group in findings.best):
         caption += " What was confirmed shows the ratio of the unseen seeds."
     return Matrix(
@@ -59,5 +62,6 @@ def _text(group: Group | None) -> str:
     if group is None:
         return "–"
     ratio = _ratio(group)
-    mark = MARKS.get(group.verdict or "", "")
+    holds = group.corrected is not None and group.corrected.holds
+    mark = (MARKS if holds else HOLLOW).get(group.verdict or "", "")
     return mark + ("undefined" if ratio is None else minus(f"{signed(100 * ratio)} %"))

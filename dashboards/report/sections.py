@@ -16,11 +16,13 @@ from dashboards.figures import (
     forest,
     gate,
     importance,
+    over_tasks,
     sensitivity,
     transfer_matrix,
 )
 from dashboards.labels import SOURCES, listed, minus, targets
 from dashboards.renderers import plotly_renderer
+from dashboards.report import comparisons
 from dashboards.report.origin import origin
 from dashboards.report.page import Parts, render
 from dashboards.report.tables import Datum, Table, table_1, text_csv, unfinished
@@ -30,6 +32,7 @@ from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import settings_text
 from orchestrator.analysis.paper_table1 import same_row
 from orchestrator.analysis.paper_table1 import table_1 as paper_row
+from orchestrator.analysis.selection import optimism
 
 log = logging.getLogger("deltatune.report")
 
@@ -52,9 +55,12 @@ def figures(findings: Findings, missing: list[str] | None = None) -> list[Figure
 
     A figure that raises is Absent too, and `missing` gets a sentence on it; the others are drawn all the same.
     """
-    charts = (transfer_matrix, evaluation_curves, delta_effect, gate, forest, importance, sensitivity, advice_fraction)
+    charts = (over_tasks, transfer_matrix, evaluation_curves, delta_effect, gate, forest, importance)
+    charts += (sensitivity, advice_fraction)
     wanted: list[tuple[str, str, Callable[[Findings], Figure]]]
     wanted = [(module.NAME, module.TITLE, module.chart) for module in charts]
+    profile = over_tasks.PROFILE, over_tasks.PROFILE_TITLE, over_tasks.performance_profile
+    wanted.insert(1, profile)
     drawn = []
     for name, title, chart in wanted:
         try:
@@ -78,6 +84,9 @@ def sections(findings: Findings, drawn: list[Figure]) -> tuple[list[Section], li
     planned = [
         Section("curves", "Evaluation curves", "", (of[evaluation_curves.NAME],)),
         Section("results", _results_title(findings), _table_lead(findings), _tables(findings)),
+        Section("contrasts", "Contrasts", comparisons.LEAD, comparisons.contrasts(findings)),
+        Section("tasks", "Over all tasks", "", comparisons.over_tasks(findings, of)),
+        Section("variance", "Between sources and seeds", *comparisons.variance(findings)),
         Section("matrix", "Source by target", "", (of[transfer_matrix.NAME],)),
         Section("forest", "Transfer ratios", "", (of[forest.NAME],)),
         Section("delta", "Delta against transfer effect", _EFFECT, (of[delta_effect.NAME], *_correlations(findings))),
@@ -114,17 +123,19 @@ def _table_lead(findings: Findings) -> str:
         return ""
     text = "The best configuration of each agent by mean AUC over seeds, compared with its baseline without transfer, "
     text += "paired by seed. AUC is the mean of the greedy evaluation curve."
+    if any(group.judged.verdict in ("helped", "hurt") for group in findings.best):
+        text += " A hollow mark does not hold after Holm's correction for all comparisons of the sweep."
     unseen = sorted({len(group.confirmed.seeds) for group in findings.best if group.confirmed})
     if unseen:
         text += (
             f" Confirmed: the same configurations on {listed([str(number) for number in unseen])} unseen seeds, which "
         )
         text += "had no part in selecting them. They are the figures to report; verdicts follow them."
-    elif any(selected.tried > 1 for selected in findings.selected.values()):
-        text += " Where several were tried, the best was selected on the seeds that also evaluate it: a small bias."
+    text += f" {said}" if (said := optimism(findings.best)) else ""
     if any(group.networks > 1 for group in findings.groups):
-        text += " A seed that is crossed with several source networks counts once, with their mean: intervals are over "
-        text += "seeds, for the networks of this sweep."
+        text += " Source networks are crossed with seeds, and intervals of means and differences take both for random."
+    elif any(group.source == "learned" and group.sources == 1 and len(group.seeds) > 1 for group in findings.best):
+        text += " All seeds of an agent learned from one source network, of which every result is one draw."
     text += f" All with {settings_text(findings.common)}." if findings.common else ""
     ours = [group for group in findings.best if paper_row(group)]
     if ours and not any(same_row(group) for group in ours):

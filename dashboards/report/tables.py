@@ -13,8 +13,7 @@ import pandas as pd
 from dashboards.labels import in_order, minus, settings
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.metrics import TRANSFER_RATIO, Metric
-from orchestrator.analysis.metrics import shown as shown_metrics
+from orchestrator.analysis.metrics import TRANSFER_RATIO, Metric, present
 from orchestrator.analysis.paper_table1 import same_row
 from orchestrator.analysis.summary_table import CONFIRMED, CONFIRMED_COLUMNS, numbers
 
@@ -37,7 +36,7 @@ class Datum:
     agent: str = ""
     """The agent whose swatch precedes the text; empty: none."""
     mark: str = ""
-    """helped or hurt: green or red, with a symbol for colour-blind readers."""
+    """helped or hurt: green or red, with a symbol for colour-blind readers; with a ? where the correction undoes it."""
     code: bool = False
 
 
@@ -61,20 +60,21 @@ def table_1(findings: Findings, groups: Sequence[Group], name: str, caption: str
     shown = sorted(in_order(groups), key=lambda group: place[group.task])
     paper = any(same_row(group) for group in shown)
     columns = [("task", False), ("agent", False), ("source", False), ("settings", False), ("seeds", True)]
-    columns += [(metric.heading, True) for metric in shown_metrics("report")]
+    metrics = present("report", shown)
+    columns += [(metric.heading, True) for metric in metrics]
     confirmed = any(group.confirmed for group in shown)
     columns += [(name, True) for name in CONFIRMED_COLUMNS] if confirmed else []
     columns += [("the paper's", True)] if paper else []
     rows = tuple(
-        _row(group, findings.common)
+        _row(group, findings.common, metrics)
         + (_confirmed(group.confirmed) if confirmed else ())
         + ((_paper(group),) if paper else ())
         for group in shown
     )
-    return Table(name, caption, tuple(columns), rows, text_csv(_records(shown)), folded)
+    return Table(name, caption, tuple(columns), rows, text_csv(records(shown)), folded)
 
 
-def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
+def _row(group: Group, hide: Collection[str], metrics: Sequence[Metric]) -> tuple[Datum, ...]:
     short = group.failed + group.missing + group.stopped
     seeds = f"{len(group.seeds)}" + (f" × {group.networks} sources" if group.networks > 1 else "")
     seeds += (
@@ -87,22 +87,29 @@ def _row(group: Group, hide: Collection[str]) -> tuple[Datum, ...]:
         Datum("–" if group.source_label == "none" else group.source_label, group.source),
         Datum(settings(group, hide) or "–", settings(group, hide)),
         Datum(seeds, len(group.seeds)),
-        *(_datum(metric, group) for metric in shown_metrics("report")),
+        *(datum(metric, group) for metric in metrics),
     )
 
 
-def _datum(metric: Metric, group: Group) -> Datum:
+def datum(metric: Metric, group: Group) -> Datum:
     """Return one metric of a group; the transfer ratio has the mark of its verdict."""
     estimate = group.estimates.get(metric.key)
-    mark = (group.verdict or "") if metric is TRANSFER_RATIO else ""
-    return Datum(minus(metric.text(estimate, missing="–")), estimate.value if estimate else None, mark=mark)
+    holds = group.corrected is not None and group.corrected.holds
+    symbol = mark(group.verdict, holds) if metric is TRANSFER_RATIO else ""
+    return Datum(minus(metric.text(estimate, missing="–")), estimate.value if estimate else None, mark=symbol)
+
+
+def mark(verdict: str | None, holds: bool) -> str:
+    """Return the mark of a verdict: with a question mark where it does not hold after the correction."""
+    symbol = {"helped": "helped", "better": "helped", "hurt": "hurt", "worse": "hurt"}.get(verdict or "", "")
+    return symbol if holds or not symbol else f"{symbol}?"
 
 
 def _confirmed(found: Group | None) -> tuple[Datum, ...]:
     """Return what the unseen seeds say of a configuration; the transfer ratio has the mark of that verdict."""
     if found is None:
         return (Datum("–"),) * len(CONFIRMED_COLUMNS)
-    return Datum(str(len(found.seeds)), len(found.seeds)), *(_datum(metric, found) for metric in CONFIRMED)
+    return Datum(str(len(found.seeds)), len(found.seeds)), *(datum(metric, found) for metric in CONFIRMED)
 
 
 def _paper(group: Group) -> Datum:
@@ -110,7 +117,8 @@ def _paper(group: Group) -> Datum:
     return Datum(minus(str(row)), row.auc) if row else Datum("–")
 
 
-def _records(groups: Iterable[Group]) -> list[dict[str, Any]]:
+def records(groups: Iterable[Group]) -> list[dict[str, Any]]:
+    """Return groups as rows of a CSV."""
     return [_record(group) for group in groups]
 
 

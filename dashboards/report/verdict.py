@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dashboards.labels import SOURCES, count, label, minus
+from dashboards.report.tables import mark
+from orchestrator.analysis.contrasts.table import comparisons
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import DIFFERENCE, TRANSFER_RATIO, signed
@@ -30,6 +32,8 @@ class Headline:
     """Its transfer ratio, else the difference in AUC."""
     evidence: str
     """The interval, and both AUCs."""
+    mark: str
+    """helped or hurt, with a ? where that does not hold after the correction for all comparisons of the sweep."""
     remark: str = ""
     """How it compares with the agent's best configuration."""
 
@@ -49,6 +53,10 @@ class Verdict:
     helped: int
     hurt: int
     undecided: int
+    held: int
+    """Those helped or hurt for which that holds after the correction for all comparisons of the sweep."""
+    comparisons: int
+    """How many those are."""
     cells: str
     """The number of seeds and cells, as text."""
     directions: tuple[Direction, ...]
@@ -67,8 +75,10 @@ def verdict(findings: Findings, winners: Sequence[Group]) -> Verdict:
         if groups
     ]
     best = tuple((group.task, group.agent, _sentence(group, findings.common)) for group in winners)
-    cells = _cells(findings)
-    return Verdict(counts["helped"], counts["hurt"], counts["undecided"], cells, tuple(directions), best)
+    decided = [group.judged for group in findings.best if group.judged.verdict in ("helped", "hurt")]
+    held = sum(group.corrected is not None and group.corrected.holds for group in decided)
+    three = counts["helped"], counts["hurt"], counts["undecided"]
+    return Verdict(*three, held, comparisons(findings.contrasts), _cells(findings), tuple(directions), best)
 
 
 def sureness(group: Group) -> float:
@@ -103,7 +113,10 @@ def _headline(group: Group, findings: Findings) -> Headline:
     evidence = minus(f"{interval} · {aucs}" if interval else aucs)
     source = f", {SOURCES[group.source]}" if group.source in SOURCES else ""
     what = label(group, findings.common) + source
-    return Headline(group.task, group.agent, what, minus(effect), evidence, _remark(group, findings))
+    holds = judged.corrected is None or judged.corrected.holds
+    remarks = ["" if holds else "not after Holm's correction", _remark(group, findings)]
+    shown = mark(judged.verdict, holds)
+    return Headline(group.task, group.agent, what, minus(effect), evidence, shown, "; ".join(filter(None, remarks)))
 
 
 def _remark(group: Group, findings: Findings) -> str:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 ORDER = (
     *("sweep", "status", "list", "watch", "logs", "compare", "replay", "mv", "rm"),
-    *("report", "export", "play", "ui", "sync", "publish", "restore"),
+    *("report", "contrast", "export", "play", "ui", "sync", "publish", "restore"),
     *("tasks", "agents", "spaces", "bounds", "sources", "rank"),
     *("check", "init"),
     *("submit",),

@@ -13,6 +13,7 @@ from deltatune.cli.app import app
 from deltatune.cli.commands import (
     catalogue,
     cluster,
+    contrast,
     custom_code,
     dataset,
     importance,
@@ -29,6 +30,7 @@ __all__ = [
     "app",
     "catalogue",
     "cluster",
+    "contrast",
     "custom_code",
     "dataset",
     "importance",

@@ -9,8 +9,11 @@ from typing import Any, NoReturn
 import typer
 
 from deltatune.cli.app import err, out, print_json, print_named, program
-from deltatune.cli.tables import confirmed_table, group_table
+from deltatune.cli.tables import confirmed_table, contrast_table, group_table
 from deltatune.publish import Published, artifacts, publish
+from orchestrator.analysis.contrasts.table import caption
+from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.selection import optimism
 from orchestrator.execution.session import SweepSession
 from orchestrator.execution.settings import RunSummary
 from orchestrator.export.best_params import best
@@ -18,6 +21,7 @@ from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.trackers import without_registry
 from orchestrator.tracking.uri import shown
+from trainables.agents.registry import agent_named
 
 
 def report(session: SweepSession, tally: RunSummary, as_json: bool) -> None:
@@ -65,6 +69,13 @@ def _summary(
     } | ({tracker.kind.key: _tracked(tracker)} if tracker else {})
 
 
+def print_contrasts(findings: Findings) -> None:
+    """Print each agent's difference from those that it builds on; that from its base is in the table of the best."""
+    shown = [each for each in findings.contrasts if agent_named(each.first.agent).base != each.second.agent]
+    if shown:
+        out.print(contrast_table(shown, caption(shown)))
+
+
 def _tracked(tracker: Tracker) -> dict[str, Any]:
     return {"uri": shown(tracker.uri), "error": str(tracker.error) if tracker.error else None}
 
@@ -74,10 +85,12 @@ def _print_report(
 ) -> None:
     chosen = [selected.best for selected in published.findings.selected.values()]
     incomplete = [group for group in published.findings.groups if not group.complete]
-    tried = {selected.best.id: selected.tried for selected in published.findings.selected.values()}
-    out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds", tried))
+    out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds"))
     if confirmed := [group for group in chosen if group.confirmed]:
         out.print(confirmed_table(confirmed))
+    if said := optimism(chosen):
+        out.print(said, soft_wrap=True, style="yellow")
+    print_contrasts(published.findings)
     if incomplete:
         out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
     total = tally.seconds + after

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -10,11 +10,12 @@ from rich.text import Text
 from deltatune.cli.sheet import Sheet, table
 
 if TYPE_CHECKING:
+    from orchestrator.analysis.contrasts.contrast import Contrast
     from orchestrator.analysis.groups import Group
 
-__all__ = ["COLOURS", "confirmed_table", "duration", "group_table", "span", "table"]
+__all__ = ["COLOURS", "confirmed_table", "contrast_table", "duration", "group_table", "span", "table"]
 
-COLOURS = {"helped": "green", "hurt": "red"}
+COLOURS = {"helped": "green", "hurt": "red", "better": "green", "worse": "red"}
 """A verdict's colour in a terminal."""
 
 
@@ -36,27 +37,45 @@ def span(low: float, high: float) -> str:
     return f"{number} to {last}" if unit == other else f"{number} {unit} to {last}"
 
 
-def group_table(groups: Sequence[Group], title: str, tried: Mapping[str, int] | None = None) -> Sheet:
-    """Return configurations as rows of the results table by task; green where transfer helped, red where it hurt.
+def group_table(groups: Sequence[Group], title: str) -> Sheet:
+    """Return groups as a results table, task by task; green where transfer helped, red where it hurt.
 
-    tried: group id to the number of configurations of which it is the best.
+    Statistics that no group has are left out, and settings that all groups share are in the title.
     """
     from orchestrator.analysis.labels import settings_text, shared
     from orchestrator.analysis.metrics import shown
-    from orchestrator.analysis.summary_table import COLUMNS, row
+    from orchestrator.analysis.summary_table import table as lines_of
 
+    common, compared = shared(groups), {metric.heading for metric in shown("summary") if metric.compared}
+    ordered = sorted(groups, key=lambda group: group.task)
+    columns, rows = lines_of(ordered, common)
     lines: list[tuple[str | Text, ...]] = []
-    last, common = "", shared(groups)
-    compared = [COLUMNS.index(metric.heading) for metric in shown("summary") if metric.compared]
-    for group in sorted(groups, key=lambda group: group.task):
-        cells: list[str | Text] = list(row(group, common))
-        of = (tried or {}).get(group.id, 1)
-        cells[3] += f" (best of {of})" if of > 1 else ""
-        for column in compared:
-            cells[column] = Text(str(cells[column]), style=COLOURS.get(group.verdict or "", ""))
+    last = ""
+    for group, texts in zip(ordered, rows, strict=True):
+        colour = COLOURS.get(group.verdict or "", "")
+        cells: list[str | Text] = [
+            Text(text, style=colour) if name in compared or name == "verdict" else text
+            for name, text in zip(columns, texts, strict=True)
+        ]
+        cells[3] = texts[3] + (f" (best of {group.tried})" if group.tried > 1 and not group.confirmed else "")
         lines.append(("" if group.task == last else cells[0], *cells[1:]))
         last = group.task
-    return table(COLUMNS, lines, title + (f"; all with {settings_text(common)}" if common else ""))
+    return table(columns, lines, title + (f"; all with {settings_text(common)}" if common else ""))
+
+
+def contrast_table(found: Sequence[Contrast], title: str) -> Sheet:
+    """Contrasts, task by task; green where A is better, red where it is worse."""
+    from orchestrator.analysis.contrasts.table import COLUMNS, GAP, row
+
+    lines: list[tuple[str | Text, ...]] = []
+    last = ""
+    for contrast in found:
+        cells: list[str | Text] = list(row(contrast))
+        for name in ("verdict", GAP):
+            cells[COLUMNS.index(name)] = Text(str(cells[COLUMNS.index(name)]), style=COLOURS.get(contrast.verdict, ""))
+        lines.append(("" if contrast.first.task == last else cells[0], *cells[1:]))
+        last = contrast.first.task
+    return table(COLUMNS, lines, title)
 
 
 def confirmed_table(groups: Sequence[Group]) -> Sheet:

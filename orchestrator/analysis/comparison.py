@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from orchestrator.analysis import statistics
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.per_seed import per_seed
+from orchestrator.analysis.inference.pairs import difference, paired
 from orchestrator.analysis.statistics import Estimate
 
 
@@ -55,25 +54,19 @@ def _name(group: Group) -> str:
 
 
 def _row(mine: Group, theirs: Group, first: Findings, second: Findings) -> Row:
-    before, after = (_aucs(findings, group) for findings, group in ((first, mine), (second, theirs)))
-    seeds = sorted(before.keys() & after.keys())
-    gap = statistics.difference([after[s] for s in seeds], [before[s] for s in seeds]) if seeds else None
+    before, after = first.done(mine), second.done(theirs)
+    pairs = paired(after, before)
+    gap = difference(pairs, "auc")
     return Row(
         mine.task,
         mine.agent,
         mine.source_label,
-        first=statistics.mean(list(before.values())).value,
-        second=statistics.mean(list(after.values())).value,
-        seeds=len(seeds),
+        first=float(before["auc"].mean()),
+        second=float(after["auc"].mean()),
+        seeds=int(pairs["seed"].nunique()),
         difference=gap,
         verdict=_verdict(gap),
     )
-
-
-def _aucs(findings: Findings, group: Group) -> dict[int, float]:
-    cells = findings.cells
-    done = per_seed(cells[cells["group"] == group.id])
-    return {int(seed): float(auc) for seed, auc in zip(done["seed"], done["auc"], strict=True)}
 
 
 def _verdict(gap: Estimate | None) -> str:

@@ -9,10 +9,12 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from orchestrator.analysis.learning import nothing_in
-from orchestrator.analysis.metrics import DIFFERENCE, METRICS, TRANSFER_RATIO, Seeds
-from orchestrator.analysis.per_seed import networks, per_seed
-from orchestrator.analysis.statistics import Estimate, TransferRatio
+from orchestrator.analysis.curves import milestones
+from orchestrator.analysis.curves.learning import nothing_in
+from orchestrator.analysis.inference.pairs import paired
+from orchestrator.analysis.metrics import DIFFERENCE, METRICS, TRANSFER_RATIO
+from orchestrator.analysis.seeds import Seeds, networks, whole_seeds
+from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
 from orchestrator.planning.arms import Key
 from trainables.agents.registry import agent_named
 from trainables.plugins.names import short
@@ -21,6 +23,24 @@ Values = Mapping[str, Any]
 
 Verdict = Literal["helped", "hurt", "undecided"]
 """The result of a comparison with the agent without transfer."""
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A comparison as one of several that are made at once."""
+
+    comparisons: int
+    """How many are made at once."""
+    p: float
+    """The p-value after Holm's correction for all of them."""
+    low: float
+    """Bonferroni's interval of the difference: all of them cover at once."""
+    high: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the difference stands after the correction."""
+        return self.p <= 1 - LEVEL
 
 
 @dataclass(frozen=True)
@@ -68,11 +88,17 @@ class Group:
     pick: str = ""
     """Which source's knowledge a seed got (own_seed, best_evaluated, each or a seed); empty where that is not known."""
     networks: int = 1
-    """Source networks that every seed is crossed with (pick: each); its numbers are means over them."""
+    """Source networks that every seed is crossed with (pick: each): then both are random in means and differences."""
+    sources: int = 0
+    """Source networks that its seeds had in all; 1 for an exact source."""
     base_id: str = ""
     """The group without transfer that it is compared with; empty where there is none."""
     confirmed: Group | None = None
     """The same configuration on unseen seeds, of a selected one that was confirmed."""
+    corrected: Corrected | None = None
+    """The comparison with the agent without transfer, corrected for all comparisons of the sweep; None outside them."""
+    tried: int = 1
+    """Number of configurations it was chosen from by the seeds that judge it; 1 where it was not chosen."""
     source_label: str = ""
     """`source`, with source task and pick where the sweep has several sources for the task and agent."""
 
@@ -100,6 +126,16 @@ class Group:
     def verdict(self) -> Verdict | None:
         """The verdict of its comparison; None without a comparison."""
         return self.against_base.verdict if self.against_base else None
+
+    @property
+    def verdict_text(self) -> str | None:
+        """The verdict, and whether it holds after the correction for all comparisons of the sweep."""
+        verdict = self.verdict
+        if verdict in (None, "undecided"):
+            return verdict
+        if self.corrected is None:
+            return f"{verdict} (uncorrected)"
+        return str(verdict) if self.corrected.holds else f"{verdict} (Holm: undecided)"
 
     @property
     def complete(self) -> bool:
@@ -139,11 +175,11 @@ def _base_key(row: pd.Series, agent: str | None = None) -> tuple[str, str, str]:
 
 def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], pd.DataFrame]) -> Group:
     first = frame.iloc[0]
-    done = per_seed(frame)
+    done = whole_seeds(frame)
     base = agent_named(str(first["agent"])).base
     without = bases.get(_base_key(first, base)) if base else None
-    paired = _paired(done, without)
-    found = {metric.key: metric.compute(Seeds(done, paired)) for metric in METRICS}
+    both = _paired(done, without)
+    found = {metric.key: metric.compute(Seeds(done, both)) for metric in METRICS}
     estimates = {name: estimate for name, estimate in found.items() if estimate is not None}
     return Group(
         id=key,
@@ -153,17 +189,24 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         source=str(first["source"]),
         source_task=_text(first, "source_task") or _text(first, "baseline_for") or None,
         hyperparameters=json.loads(first["hyperparameters"]),
-        seeds=tuple(int(seed) for seed in done["seed"]),
+        seeds=tuple(int(seed) for seed in done["seed"].drop_duplicates()),
         failed=int((frame["status"] == "failed").sum()),
         stopped=int((frame["status"] == "stopped").sum()),
         missing=int((frame["status"] == "missing").sum()),
         estimates=estimates,
-        against_base=_comparison(estimates, paired),
+        against_base=_comparison(estimates, both),
         nothing=nothing_in(done) if first["source"] == "none" else None,
         pick=_text(first, "pick"),
         networks=networks(frame),
         base_id=str(without.iloc[0]["group"]) if without is not None else "",
+        sources=_sources(done),
     )
+
+
+def _sources(done: pd.DataFrame) -> int:
+    """Return how many source networks the cells had: 1 where all have the exact source, 0 without one."""
+    learned = done["source_cell"].nunique() if "source_cell" in done else 0
+    return int(learned or (len(done) and (done["source"] != "none").any()))
 
 
 def _text(row: pd.Series, column: str) -> str:
@@ -176,12 +219,12 @@ def _paired(done: pd.DataFrame, without: pd.DataFrame | None) -> pd.DataFrame | 
     """Return the done cells joined by seed with those of the agent without transfer; None where there are none."""
     if without is None:
         return None
-    both = done.merge(per_seed(without), on="seed", suffixes=("", "_base")).sort_values("seed")
-    return None if both.empty else both
+    both = paired(done, whole_seeds(without))
+    return None if both.empty else milestones.aligned(both)
 
 
-def _comparison(estimates: Mapping[str, Estimate | TransferRatio], paired: pd.DataFrame | None) -> Comparison | None:
+def _comparison(estimates: Mapping[str, Estimate | TransferRatio], both: pd.DataFrame | None) -> Comparison | None:
     ratio, difference = estimates.get(TRANSFER_RATIO.key), estimates.get(DIFFERENCE.key)
-    if paired is None or not isinstance(ratio, TransferRatio) or not isinstance(difference, Estimate):
+    if both is None or not isinstance(ratio, TransferRatio) or not isinstance(difference, Estimate):
         return None
-    return Comparison(len(paired), ratio, difference)
+    return Comparison(int(both["seed"].nunique()), ratio, difference)

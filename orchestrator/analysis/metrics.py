@@ -6,13 +6,13 @@ new statistic is one more entry here.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
-
-import pandas as pd
+from typing import Literal, Protocol
 
 from orchestrator.analysis import statistics
+from orchestrator.analysis.curves import milestones
+from orchestrator.analysis.seeds import Seeds
 from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
 
 NOTHING = 1e-9
@@ -25,25 +25,12 @@ MLflow and the tables of numbers have every metric.
 """
 
 
-@dataclass(frozen=True)
-class Seeds:
-    """The finished cells of a configuration, and those of the agent without transfer at the same seeds."""
+class HasEstimates(Protocol):
+    """What has estimates by metric: a group."""
 
-    done: pd.DataFrame
-    paired: pd.DataFrame | None = None
-    """Each column twice, with the suffix `_base` for the agent without transfer; None where there is none."""
-
-    def values(self, column: str) -> list[float] | None:
-        """Return a column, a number per seed, or None where a cell lacks it."""
-        if not len(self.done) or column not in self.done or self.done[column].isna().any():
-            return None
-        return [float(value) for value in self.done[column]]
-
-    def pairs(self, column: str) -> tuple[list[float], list[float]] | None:
-        """Return a column with transfer and without it, paired by seed, or None where there is nothing to compare."""
-        if self.paired is None:
-            return None
-        return list(self.paired[column]), list(self.paired[f"{column}_base"])
+    @property
+    def estimates(self) -> Mapping[str, Estimate | TransferRatio]:
+        """Metric.key to its estimate."""
 
 
 Compute = Callable[[Seeds], Estimate | TransferRatio | None]
@@ -66,6 +53,8 @@ class Metric:
     """Whether its standard deviation over seeds is shown in place of its interval."""
     compared: bool = False
     """Whether it compares with the agent without transfer."""
+    with_p: bool = False
+    """Whether its p-value is among the numbers."""
     latex: str = ""
     """Its label in LaTeX; default: `label`."""
 
@@ -75,11 +64,13 @@ class Metric:
         return f"{self.label} mean (sd)" if self.with_sd else f"{self.label} [{LEVEL:.0%}]"
 
     def numbers(self, estimate: Estimate | TransferRatio | None) -> dict[str, float | None]:
-        """Return an estimate as numbers named KEY, KEY_low, KEY_high, and KEY_sd where that is shown."""
+        """Return an estimate as numbers named KEY, KEY_low, KEY_high, and KEY_sd and KEY_p where it has them."""
         ends = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
         found = dict(zip((self.key, f"{self.key}_low", f"{self.key}_high"), ends, strict=True))
         if self.with_sd:
             found[f"{self.key}_sd"] = estimate.sd if isinstance(estimate, Estimate) else None
+        if self.with_p:
+            found[f"{self.key}_p"] = estimate.p if isinstance(estimate, Estimate) else None
         return found
 
     def text(self, estimate: Estimate | TransferRatio | None, missing: str = "-") -> str:
@@ -92,6 +83,7 @@ class Metric:
         number: Callable[[float, int], str],
         missing: str = "-",
         unit: str = "",
+        least: str = "≥ ",
     ) -> str:
         """Return an estimate as text, each of its numbers formatted by `number`."""
         if estimate is None:
@@ -100,6 +92,7 @@ class Metric:
             return "undefined"
         scale = 100 if self.percent else 1
         text = number(scale * estimate.value, self.digits) + unit
+        text = f"{least}{text}" if isinstance(estimate, Estimate) and estimate.at_least else text
         if isinstance(estimate, Estimate) and estimate.sd is not None:
             return f"{text} ({estimate.sd:.{self.digits}f})"
         if estimate.low is None or estimate.high is None:
@@ -121,8 +114,7 @@ def _mean(column: str) -> Compute:
     """Return the mean of a column of the cells table."""
 
     def compute(seeds: Seeds) -> Estimate | None:
-        values = seeds.values(column)
-        return statistics.mean(values) if values else None
+        return seeds.mean(column)
 
     return compute
 
@@ -131,15 +123,36 @@ def _difference(column: str) -> Compute:
     """Return the paired difference of a column from the agent without transfer."""
 
     def compute(seeds: Seeds) -> Estimate | None:
-        pairs = seeds.pairs(column)
-        return statistics.difference(*pairs) if pairs else None
+        return seeds.difference(column)
 
     return compute
 
 
-def _auc(seeds: Seeds) -> Estimate | None:
-    values = seeds.values("auc")
-    return replace(statistics.mean(values), sd=statistics.sd(values)) if values else None
+def _mean_with_sd(column: str) -> Compute:
+    """Return the mean of a column of the cells table, with its standard deviation over cells."""
+
+    def compute(seeds: Seeds) -> Estimate | None:
+        values, estimate = seeds.values(column), seeds.mean(column)
+        return replace(estimate, sd=statistics.sd(values)) if values and estimate else None
+
+    return compute
+
+
+def _episodes_to_solve(seeds: Seeds) -> Estimate | None:
+    """Return the mean over seeds; an unsolved one counts as its whole run, and makes the mean a lower bound."""
+    solved, estimate = seeds.values(milestones.SOLVED), seeds.mean(milestones.SOLVED_AFTER)
+    bound = estimate is not None and solved is not None and not all(solved)
+    return replace(estimate, low=None, high=None, at_least=True) if estimate and bound else estimate
+
+
+def _share(column: str, part: Literal["sources", "seeds"]) -> Compute:
+    """Return the share of the variance of a column that lies between source networks, or between seeds."""
+
+    def compute(seeds: Seeds) -> Estimate | None:
+        found = seeds.components(column)
+        return None if found is None else getattr(found, part)
+
+    return compute
 
 
 def _iqm(seeds: Seeds) -> Estimate | None:
@@ -148,13 +161,15 @@ def _iqm(seeds: Seeds) -> Estimate | None:
 
 
 def _transfer_ratio(seeds: Seeds) -> TransferRatio | None:
-    pairs = seeds.pairs("auc")
-    return statistics.transfer_ratio(*pairs) if pairs else None
+    both = seeds.pairs("auc")
+    return statistics.transfer_ratio(*both) if both else None
 
 
 def _improvement(seeds: Seeds) -> Estimate | None:
-    pairs = seeds.pairs("auc")
-    return statistics.probability_of_improvement(*pairs) if pairs else None
+    if seeds.paired is None:
+        return None
+    both, n = (list(seeds.paired["auc"]), list(seeds.paired["auc_base"])), seeds.paired["seed"].nunique()
+    return statistics.probability_of_improvement(*both, independent=(n, n))
 
 
 TRANSFER_RATIO = Metric(
@@ -169,11 +184,42 @@ TRANSFER_RATIO = Metric(
     latex=r"$tr$ (\%)",
 )
 DIFFERENCE = Metric(
-    "difference", "difference", _difference("auc"), ("summary", "report", "best"), digits=1, signed=True, compared=True
+    "difference",
+    "difference",
+    _difference("auc"),
+    ("summary", "report", "best"),
+    digits=1,
+    signed=True,
+    compared=True,
+    with_p=True,
 )
+EARLY_DIFFERENCE = Metric(
+    "early_difference",
+    "early difference",
+    _difference(milestones.EARLY),
+    ("best",),
+    digits=1,
+    signed=True,
+    compared=True,
+    with_p=True,
+)
+
+_auc = _mean_with_sd("auc")
 
 METRICS: tuple[Metric, ...] = (
     Metric("auc", "AUC", _auc, ("summary", "report", "best"), with_sd=True),
+    Metric("early_auc", "early AUC", _mean_with_sd(milestones.EARLY), ("summary", "report", "best"), 1, with_sd=True),
+    Metric("episodes_to_solve", "episodes to solve", _episodes_to_solve, ("summary", "report", "best"), digits=0),
+    Metric("solved", "share of seeds that solved it", _mean(milestones.SOLVED)),
+    Metric("variance_sources", "variance between sources", _share("auc", "sources"), digits=0, percent=True),
+    Metric("variance_seeds", "variance between seeds", _share("auc", "seeds"), digits=0, percent=True),
+    Metric(
+        "early_variance_sources",
+        "early variance between sources",
+        _share(milestones.EARLY, "sources"),
+        digits=0,
+        percent=True,
+    ),
     Metric("auc_iqm", "interquartile mean of the AUC", _iqm),
     Metric("training_auc", "AUC of the training returns", _mean("training_auc")),
     Metric("asymptotic", "asymptotic performance", _mean("asymptotic")),
@@ -192,6 +238,7 @@ METRICS: tuple[Metric, ...] = (
         compared=True,
         latex=r"$P(\mathrm{improvement})$",
     ),
+    EARLY_DIFFERENCE,
     Metric("jumpstart", "jumpstart", _difference("initial_return"), signed=True, compared=True),
     Metric(
         "asymptotic_difference",
@@ -201,6 +248,12 @@ METRICS: tuple[Metric, ...] = (
         compared=True,
     ),
 )
+
+
+def present(view: View, groups: Iterable[HasEstimates]) -> tuple[Metric, ...]:
+    """Return the metrics of a view that at least one of several groups has."""
+    there = {key for group in groups for key in group.estimates}
+    return tuple(metric for metric in shown(view) if metric.key in there)
 
 
 def shown(view: View) -> tuple[Metric, ...]:

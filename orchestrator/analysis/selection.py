@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from orchestrator.analysis import statistics
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.per_seed import per_seed
+from orchestrator.analysis.inference.pairs import difference, paired
+from orchestrator.analysis.seeds import whole_seeds
 from orchestrator.planning.arms import Key
 
 RULE = (
@@ -28,6 +28,24 @@ class Selected:
     """Configurations that took part."""
     left_out: int
     """Configurations with a seed that failed, is missing or was stopped early."""
+
+
+def optimism(groups: Iterable[Group]) -> str | None:
+    """Return the sentence that belongs beside best configurations that their own seeds have chosen, or None.
+
+    It is due until they are confirmed: with four configurations of equal worth and five seeds, "helped" comes out in
+    7 % of cases in place of 2.5 %; with twenty, in 15 to 18 %.
+    """
+    chosen = [group for group in groups if group.tried > 1 and not group.confirmed]
+    if not chosen:
+        return None
+    tried = {group.tried for group in chosen}
+    of = f"{'up to ' if len(tried) > 1 else ''}{max(tried)}"
+    what = f"{len(chosen)} best configurations were each" if len(chosen) > 1 else "1 best configuration was"
+    return (
+        f"{what} chosen among {of} by the seeds that also judge {'them' if len(chosen) > 1 else 'it'}: AUC and "
+        "difference are too favourable until confirmed on unseen seeds."
+    )
 
 
 def select(groups: Iterable[Group], cells: pd.DataFrame) -> dict[Key, Selected]:
@@ -51,7 +69,6 @@ def _score(group: Group) -> float:
 
 
 def _tied(group: Group, best: Group, cells: pd.DataFrame) -> bool:
-    aucs = {key: per_seed(cells[cells["group"] == key]).set_index("seed")["auc"] for key in (group.id, best.id)}
-    seeds = sorted(set(group.seeds) & set(best.seeds))
-    gap = statistics.difference([aucs[best.id][s] for s in seeds], [aucs[group.id][s] for s in seeds])
-    return gap.low is None or gap.low <= 0
+    pairs = paired(*(whole_seeds(cells[cells["group"] == key]) for key in (best.id, group.id)))
+    gap = difference(pairs, "auc")
+    return gap is None or gap.low is None or gap.low <= 0

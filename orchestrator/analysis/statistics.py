@@ -36,6 +36,12 @@ class Estimate:
     high: float | None
     sd: float | None = None
     """Standard deviation over seeds, where it is shown next to the number."""
+    p: float | None = None
+    """Two-sided p-value against 0, of a difference."""
+    at_least: bool | None = None
+    """Whether the number is a lower bound: some runs ended before they got there."""
+    df: float | None = None
+    """Degrees of freedom of its t distribution, of a difference."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +78,29 @@ def mean(values: Sequence[float]) -> Estimate:
 
 
 def difference(with_transfer: Sequence[float], without: Sequence[float]) -> Estimate:
-    """Return the mean of A_t - A_w, paired by seed, with Student's t interval; a tie is a difference of 0."""
+    """Return the mean of A_t - A_w, paired by seed, with Student's t interval and p-value; a tie is 0."""
+    gaps = differences(with_transfer, without)
+    spread = float(gaps.std(ddof=1)) / math.sqrt(len(gaps)) if len(gaps) > 1 else None
+    return tested(float(gaps.mean()), spread, len(gaps) - 1)
+
+
+def differences(with_transfer: Sequence[float], without: Sequence[float]) -> NDArray[np.float64]:
+    """Return A_t - A_w of each pair; a tie is a difference of 0."""
     a_t, a_w = _array(with_transfer), _array(without)
-    return mean(list(np.where(_tied(a_t, a_w), 0.0, a_t - a_w)))
+    return np.where(_tied(a_t, a_w), 0.0, a_t - a_w)
+
+
+def tested(value: float, error: float | None, df: float) -> Estimate:
+    """Return a number with Student's t interval and its p-value against 0.
+
+    error: its standard error; None where there is none, and so no interval.
+    """
+    if error is None:
+        return Estimate(value, None, None)
+    half = float(stats.t.ppf((1 + LEVEL) / 2, df)) * error
+    ratio = abs(value) / error if error > 0 else math.inf if value else 0.0
+    p = 2 * float(stats.t.sf(ratio, df))
+    return Estimate(value, value - half, value + half, p=p, df=df)
 
 
 def _tied(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -125,8 +151,12 @@ def iqm(values: Sequence[float]) -> Estimate:
     return _bootstrapped(float(stats.trim_mean(array, 0.25)), stats.trim_mean(resampled, 0.25, axis=1), len(array))
 
 
-def probability_of_improvement(with_transfer: Sequence[float], without: Sequence[float]) -> Estimate:
+def probability_of_improvement(
+    with_transfer: Sequence[float], without: Sequence[float], independent: tuple[int, int] | None = None
+) -> Estimate:
     """Return P(a run with transfer beats one without), ties counted half, with Newcombe's score interval.
+
+    independent: number of independent runs on each side, where not all of them are.
 
     The interval is method 5 of R. G. Newcombe, "Confidence intervals for an effect size measure based on the
     Mann-Whitney statistic, part 2", Statistics in Medicine 25 (2006): all theta within z standard errors of the
@@ -135,10 +165,11 @@ def probability_of_improvement(with_transfer: Sequence[float], without: Sequence
     x, y = _array(with_transfer)[:, None], _array(without)[None, :]
     wins = np.where(_tied(x, y), 0.5, x > y)
     value = float(wins.mean())
-    if min(wins.shape) < 2:
+    sizes = independent or wins.shape
+    if min(sizes) < 2:
         return Estimate(value, None, None)
-    low = _score_end(value, 0.0, *wins.shape) if value > 0 else 0.0
-    high = _score_end(value, 1.0, *wins.shape) if value < 1 else 1.0
+    low = _score_end(value, 0.0, *sizes) if value > 0 else 0.0
+    high = _score_end(value, 1.0, *sizes) if value < 1 else 1.0
     return Estimate(value, low, high)
 
 

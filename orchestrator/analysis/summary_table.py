@@ -13,14 +13,12 @@ from orchestrator.analysis.labels import settings_text, varied
 from orchestrator.analysis.metrics import METRICS, shown
 from trainables.plugins.names import short
 
-COLUMNS = (
-    "task",
-    "agent",
-    "source",
-    "hyperparameters",
-    "seeds",
-    *(metric.heading for metric in shown("summary")),
-)
+STATISTICS = (*(metric.heading for metric in shown("summary")), "verdict")
+COLUMNS = ("task", "agent", "source", "hyperparameters", "seeds", *STATISTICS)
+
+
+CORRECTED = {"difference_p_holm": "p", "difference_low_all": "low", "difference_high_all": "high"}
+"""Number to the field of `Corrected` that it is: the difference among all comparisons of the sweep."""
 
 
 CONFIRMED = tuple(metric for metric in METRICS if metric.key in ("auc", "transfer_ratio", "difference"))
@@ -60,7 +58,19 @@ def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
         settings_text({name: value for name, value in own.items() if name not in hide}),
         seeds,
         *(metric.text(group.estimates.get(metric.key)) for metric in shown("summary")),
+        group.judged.verdict_text or "-",
     )
+
+
+def table(groups: Sequence[Group], hide: Collection[str] = ()) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return (columns, rows) of several groups, without the statistics that none of them has."""
+    rows = [row(group, hide) for group in groups]
+    kept = [
+        at
+        for at, name in enumerate(COLUMNS)
+        if name not in STATISTICS or not rows or any(line[at] != "-" for line in rows)
+    ]
+    return tuple(COLUMNS[at] for at in kept), [tuple(line[at] for at in kept) for line in rows]
 
 
 def numbers(group: Group) -> dict[str, Any]:
@@ -79,7 +89,12 @@ def numbers(group: Group) -> dict[str, Any]:
         "seeds_stopped": group.stopped,
         "seeds_missing": group.missing,
         "learned_nothing": group.nothing is not None,
+        "tried": group.tried,
+        "confirmed": group.confirmed is not None,
         "verdict": group.verdict,
+        "holds": group.corrected.holds if group.corrected else None,
+        "comparisons": group.corrected.comparisons if group.corrected else None,
+        **{name: getattr(group.corrected, field, None) for name, field in CORRECTED.items()},
     }
     for metric in METRICS:
         record |= metric.numbers(group.estimates.get(metric.key))
@@ -99,5 +114,5 @@ def confirmed_numbers(found: Group) -> dict[str, Any]:
 def number_table(groups: Sequence[Group]) -> pd.DataFrame:
     """Return the table of numbers: a row per configuration, a column per number."""
     table = pd.DataFrame([numbers(group) for group in groups])
-    floats = [name for metric in METRICS for name in metric.numbers(None)]
+    floats = [*CORRECTED, *(name for metric in METRICS for name in metric.numbers(None))]
     return table.astype(dict.fromkeys(floats, "float64")) if len(table) else table

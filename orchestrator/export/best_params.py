@@ -8,10 +8,11 @@ from typing import Any
 
 import yaml
 
+from orchestrator.analysis.contrasts.table import numbers as contrast_numbers
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import shown
-from orchestrator.analysis.selection import RULE, Selected
+from orchestrator.analysis.selection import RULE, Selected, optimism
 from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
 from orchestrator.planning.arms import Key, Params
 from orchestrator.results.provenance import commit, versions
@@ -33,11 +34,13 @@ def best(findings: Findings) -> dict[str, Any]:
         "schema": SCHEMA,
         "sweep": findings.results.name,
         "rule": RULE,
+        "note": optimism(findings.best),
         "interval": f"{LEVEL:.0%}: Student's t for means and differences, Fieller for transfer ratios",
         "commit": commit(),
         "versions": versions(),
         "cells": {str(key): int(n) for key, n in cells["status"].value_counts().items()} if len(cells) else {},
         "best": [_entry(selected[key]) for key in wanted if key in selected],
+        "contrasts": [contrast_numbers(contrast) for contrast in findings.contrasts],
         "without_complete_configuration": [_incomplete(key) for key in wanted if key not in selected],
     }
 
@@ -49,7 +52,9 @@ def write_best(findings: Findings, path: Path) -> dict[str, Any]:
         name = findings.results.name
         raise InputError(f"the sweep '{name}' has no configuration whose every seed is done: run it first")
     make_folder(path.absolute().parent)
-    write_atomic(path.absolute(), yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120).encode())
+    head = f"# {data['note']}\n" if data["note"] else ""
+    text = head + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120)
+    write_atomic(path.absolute(), text.encode())
     return data
 
 

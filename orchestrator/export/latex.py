@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import settings_text, varied
-from orchestrator.analysis.metrics import shown, signed
+from orchestrator.analysis.metrics import Metric, present, signed
 from orchestrator.analysis.paper_table1 import same_row
+from orchestrator.analysis.selection import optimism
 from orchestrator.analysis.statistics import LEVEL
 
 SPECIAL = {
@@ -33,20 +35,22 @@ def table_1(findings: Findings) -> str:
     """Return the best configuration of each agent on each task, with the paper's numbers in a last column if any."""
     best = findings.best
     paper = any(same_row(group) for group in best)
-    titles = [metric.latex or escape(metric.label[:1].upper() + metric.label[1:]) for metric in shown("report")]
+    metrics = present("report", best)
+    titles = [metric.latex or escape(metric.label[:1].upper() + metric.label[1:]) for metric in metrics]
     head = ["Agent", "Seeds", *titles, *(["Paper"] if paper else [])]
     lines = [rf"% {escape(findings.results.name)}: needs \usepackage{{booktabs}}", r"\begin{table}", r"\centering"]
     level = rf"{LEVEL * 100:.0f}\,\%"
     caption = f"{escape(findings.results.name)}: AUC, mean (sd) over seeds, and transfer with {level} intervals."
+    caption += f" {escape(said)}" if (said := optimism(best)) else ""
     lines += [rf"\caption{{{caption}}}", rf"\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}", r"\toprule"]
     lines.append(" & ".join(head) + r" \\")
     for task in dict.fromkeys(group.task for group in best):
         lines += [r"\midrule", rf"\multicolumn{{{len(head)}}}{{l}}{{{escape(task)}}} \\"]
-        lines += [" & ".join(_row(group, paper)) + r" \\" for group in best if group.task == task]
+        lines += [" & ".join(_row(group, paper, metrics)) + r" \\" for group in best if group.task == task]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""])
 
 
-def _row(group: Group, paper: bool) -> list[str]:
+def _row(group: Group, paper: bool, metrics: Sequence[Metric]) -> list[str]:
     settings = settings_text(varied(group.agent, group.task, group.hyperparameters))
     name = (
         group.agent
@@ -54,7 +58,9 @@ def _row(group: Group, paper: bool) -> list[str]:
         + ("" if settings == "-" else f" ({settings})")
     )
     cells = [r"\quad " + escape(name), str(len(group.seeds))]
-    cells += [metric.write(group.estimates.get(metric.key), _number, missing="--") for metric in shown("report")]
+    cells += [
+        metric.write(group.estimates.get(metric.key), _number, missing="--", least=r"$\ge$ ") for metric in metrics
+    ]
     row = same_row(group)
     return cells + ([f"{_number(row.auc, 2)} ({row.sd:g})" if row else "--"] if paper else [])
 

@@ -9,7 +9,9 @@ from typing import Any
 
 import pandas as pd
 
+from orchestrator.analysis.contrasts.table import number_table as contrast_table
 from orchestrator.analysis.findings import Findings
+from orchestrator.analysis.over_tasks import number_table as standings_table
 from orchestrator.analysis.summary_table import number_table
 from orchestrator.export.best_params import best, write_best
 from orchestrator.export.formats import Written
@@ -64,7 +66,10 @@ def write_parquet(findings: Findings, folder: Path) -> Written:
 
 def _tables(findings: Findings, path: Path, ending: str, write_table: Callable[[pd.DataFrame, Path], Any]) -> Written:
     """Write every table into the folder `path`, or the configurations alone where it names a file."""
-    tables = {"configurations": number_table(findings.groups), "cells": findings.cells, "points": findings.points}
+    tables = {"configurations": number_table(findings.groups), "contrasts": contrast_table(findings.contrasts)}
+    if findings.over_tasks.standings:
+        tables["over_tasks"] = standings_table(findings.over_tasks)
+    tables |= {"cells": findings.cells, "points": findings.points}
     what = f"{len(findings.groups)} configurations, {len(findings.each_cell)} cells, {len(findings.points)} points"
     if path.suffix in (".csv", ".parquet"):
         if path.suffix != f".{ending}":

@@ -20,8 +20,8 @@ from mlflow.entities.model_registry import ModelVersion
 from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 
+from orchestrator.analysis.curves.learning import learned_nothing
 from orchestrator.analysis.labels import cell_name, settings_text, varied
-from orchestrator.analysis.learning import learned_nothing
 from orchestrator.errors import SweepError
 from orchestrator.model_registry.source_models import (
     SourceModel,

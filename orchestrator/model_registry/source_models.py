@@ -31,7 +31,7 @@ class SourceModel:
 
     def tags(self, sweep: str) -> dict[str, str]:
         """Return the tags of the model's version; `steps` and `hyperparameters` are JSON."""
-        from orchestrator.analysis.learning import learned_nothing  # imports pandas and scipy
+        from orchestrator.analysis.curves.learning import learned_nothing  # imports pandas and scipy
 
         nothing = learned_nothing(self.record.returns)
         return {

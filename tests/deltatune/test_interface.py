@@ -65,6 +65,10 @@ def test_results_are_data_frames(finished: Path) -> None:
     row = results.best.query("agent == 'delta_gate' and source == 'exact' and task.str.endswith('small')").iloc[0]
     assert row["auc_low"] <= row["auc"] <= row["auc_high"]
     assert row["verdict"] in ("helped", "hurt", "undecided")
+    first = results.contrasts.iloc[0]
+    assert (first["a"], first["b"]) == ("delta_gate", "policy_reuse")
+    assert results.contrast("delta_gate", "policy_reuse").iloc[0]["difference"] == first["difference"]
+    assert results.over_tasks.empty  # the space names no reference values
     curves = results.curves()
     assert list(curves) == ["task", "agent", "source", "episode", "mean", "low", "high"]
     mine = curves.query(f"task == '{row['task']}' and agent == 'delta_gate' and source == 'exact'")

@@ -29,6 +29,8 @@ class Agent:
     kind: Literal["tabular", "deep"] = "tabular"
     origin: Literal["built-in", "custom", "missing"] = "built-in"
     """missing: a custom agent whose code is not loaded."""
+    rivals: tuple[str, ...] = ()
+    """Agents that it builds on or is an answer to: what is shown first is its difference from them."""
     several: bool = False
     """Whether it chooses among several sources, so that its cells may name a library."""
     shown: tuple[str, ...] = ()

@@ -48,6 +48,7 @@ def family(name: str, paths: tuple[str, ...]) -> TaskFamily:
     attributes = sorted(set(paths) - {feature.name for feature in levels})
     found = tuple(_feature(name, env.unwrapped, path) for path in attributes)
     env.close()
+    threshold = env.spec.reward_threshold if env.spec else None
     return TaskFamily(
         name,
         "a Gymnasium environment",
@@ -56,6 +57,7 @@ def family(name: str, paths: tuple[str, ...]) -> TaskFamily:
         build=functools.partial(_build, name),
         check=functools.partial(_check, name),
         plain=functools.partial(_build, name, {}),
+        solved_at=None if threshold is None else float(threshold),
     )
 
 

@@ -75,6 +75,8 @@ def report(
 ) -> None:
     """Draw a sweep's report: one HTML file with every table and figure in it, and each figure as PNG and SVG."""
     from dashboards.draw import draw
+    from deltatune.cli.sweep_report import print_contrasts
+    from orchestrator.analysis.contrasts.table import numbers
     from orchestrator.analysis.findings import find
     from orchestrator.results.sweep_folder import Results
     from trainables.storage.folders import make_folder
@@ -85,8 +87,11 @@ def report(
     for why in missing:
         err.print(f"not drawn: {why}", soft_wrap=True, style="yellow")
     if as_json:
-        print_json({"report": str(files[0]), "figures": [str(path) for path in files[1:]]})
+        contrasts = [numbers(each) for each in findings.contrasts]
+        figures = [str(path) for path in files[1:]]
+        print_json({"report": str(files[0]), "figures": figures, "contrasts": contrasts})
     else:
+        print_contrasts(findings)
         out.print(f"Report:   {files[0]}", soft_wrap=True)
         out.print(f"Figures:  {len(files) - 1} PNG and SVG files in {files[0].parent / 'figures'}", soft_wrap=True)
     if show:

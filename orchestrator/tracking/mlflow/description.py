@@ -9,7 +9,8 @@ import yaml
 
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import METRICS
-from orchestrator.analysis.summary_table import COLUMNS, CONFIRMED_COLUMNS, confirmed_texts, row
+from orchestrator.analysis.selection import optimism
+from orchestrator.analysis.summary_table import CONFIRMED_COLUMNS, confirmed_texts, table
 from orchestrator.results.pretrained_names import options
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow.views import LEADERBOARD
@@ -20,8 +21,9 @@ def markdown(results: Results, groups: Sequence[Group], best: Sequence[Group]) -
     """Return the description of a sweep's parent run: its question, the table, the command that reproduces it."""
     space = results.space()
     lines = [*_headline(best), space.description or space.name, "", *_confirmed(best), "Every configuration:", ""]
-    lines += [f"|{'|'.join(COLUMNS)}|", "|" + "---|" * len(COLUMNS)]
-    lines += _rows(groups)
+    columns, rows = table(groups)
+    lines += [f"|{'|'.join(columns)}|", "|" + "---|" * len(columns)]
+    lines += _rows(rows)
     lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
     lines += [
         f"To reproduce: `deltatune sweep SPACE.yaml --name {results.name}{options(results.folder)}`, with the search "
@@ -60,8 +62,11 @@ def _headline(best: Sequence[Group]) -> list[str]:
     for task in dict.fromkeys(group.task for group in shown):
         group = max((one for one in shown if one.task == task), key=lambda one: one.auc.value if one.auc else 0.0)
         texts = [metric.text(group.estimates.get(metric.key)) for metric in METRICS if metric.key in HEADLINE]
-        lines.append("|" + "|".join([short(task), short(group.agent), *texts, group.verdict or "no transfer"]) + "|")
-    return [*lines, ""]
+        lines.append(
+            "|" + "|".join([short(task), short(group.agent), *texts, group.verdict_text or "no transfer"]) + "|"
+        )
+    said = optimism(shown)
+    return [*lines, "", *([said, ""] if said else [])]
 
 
 HEADLINE = ("auc", "transfer_ratio")
@@ -70,9 +75,9 @@ TABLE_CHARACTERS = 4000
 """Of the table in a description, of which MLflow keeps 8,000."""
 
 
-def _rows(groups: Sequence[Group]) -> list[str]:
+def _rows(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return the lines of a Markdown table, up to TABLE_CHARACTERS."""
-    lines = ["|" + "|".join(cell.replace("|", "/") for cell in row(group)) + "|" for group in groups]
+    lines = ["|" + "|".join(cell.replace("|", "/") for cell in row) + "|" for row in rows]
     lengths = itertools.accumulate(len(line) + 1 for line in lines)
     kept = [line for line, length in zip(lines, lengths, strict=True) if length <= TABLE_CHARACTERS]
     more = len(lines) - len(kept)

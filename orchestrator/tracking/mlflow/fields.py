@@ -11,7 +11,7 @@ from typing import Any
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import run_name
 from orchestrator.analysis.metrics import METRICS
-from orchestrator.analysis.summary_table import CONFIRMED, confirmed_numbers, confirmed_texts
+from orchestrator.analysis.summary_table import CONFIRMED, CORRECTED, confirmed_numbers, confirmed_texts
 from orchestrator.results.records.record import Head
 
 CELL_METRICS = (
@@ -62,7 +62,12 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
         metrics |= {name: value for name, value in found.items() if isinstance(value, float | int)}
         texts = confirmed_texts(group.confirmed)
         names = ("unseen seeds", *(f"confirmed {TEXTS[metric.key]}" for metric in CONFIRMED))
-        tags |= {**dict(zip(names, texts, strict=True)), "confirmed verdict": group.confirmed.verdict or "-"}
+        tags |= {**dict(zip(names, texts, strict=True)), "confirmed verdict": group.confirmed.verdict_text or "-"}
+    if group.corrected:
+        metrics |= {name: getattr(group.corrected, field) for name, field in CORRECTED.items()}
+        metrics["comparisons"] = group.corrected.comparisons
+    if group.tried > 1:
+        tags["chosen"] = f"best of {group.tried}, {'confirmed' if group.confirmed else 'not confirmed'} on unseen seeds"
     tags |= {"learned": group.nothing} if group.nothing else {}
     tags |= {TEXTS[name]: text for name, text in _texts(group).items()}
     if group.against_base is not None and group.against_base.transfer_ratio.undefined:
@@ -70,14 +75,19 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
     return metrics, tags
 
 
-TEXTS = {"auc": "AUC", "transfer_ratio": "transfer_ratio", "difference": "difference", "verdict": "verdict"}
-"""Metric, or verdict, to the tag with its rounded text: the columns of the leaderboard."""
+TEXTS = {"auc": "AUC", "transfer_ratio": "transfer_ratio", "difference": "difference"}
+TEXTS |= {"verdict": "verdict", "holds": "holds"}
+"""Metric, verdict, or whether that holds after Holm's correction, to the tag with its rounded text: the columns of the
+leaderboard."""
 
 
 def _texts(group: Group) -> dict[str, str]:
     """Return the most important numbers as rounded text with their intervals."""
     found = {metric.key: metric.text(group.estimates.get(metric.key)) for metric in METRICS if metric.key in TEXTS}
-    return found | {"verdict": group.verdict or ("baseline" if group.source == "none" else "-")}
+    holds = (
+        "-" if group.corrected is None or group.verdict in (None, "undecided") else str(group.corrected.holds).lower()
+    )
+    return found | {"verdict": group.verdict or ("baseline" if group.source == "none" else "-"), "holds": holds}
 
 
 def places(groups: Sequence[Group]) -> dict[str, str]:

@@ -25,7 +25,7 @@ from mlflow.entities import DatasetInput, Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 
-from orchestrator.analysis.curves import NO_CURVE, mean_curves
+from orchestrator.analysis.curves.bands import NO_CURVE, mean_curves
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import cell_name, configuration_name, group_name

@@ -12,7 +12,15 @@ from dataclasses import dataclass
 
 PREFIX = "mlflow.sharedViewState."
 
-_PIXELS = {"AUC": 112, "transfer_ratio": 125, "verdict": 85, "task": 230, "source": 85, "difference": 150, "place": 70}
+_PIXELS = {
+    "AUC": 112,
+    "transfer_ratio": 125,
+    "verdict": 85,
+    "task": 230,
+    "source": 85,
+    "difference": 150,
+    "place": 70,
+} | {"holds": 60}
 
 WIDTHS = {f"tags.`{name}`": width for name, width in (_PIXELS | {"agent": 130}).items()}
 """Widths of columns in pixels; a window of 1000 shows the first three of the leaderboard next to the names."""
@@ -57,7 +65,7 @@ LEADERBOARD = View(
     "tags.kind = 'aggregate' and tags.stage = 'transfer'",
     "tags.`place`",
     True,
-    ("AUC", "transfer_ratio", "verdict", "task", "source", "difference", "place"),
+    ("AUC", "transfer_ratio", "verdict", "task", "source", "difference", "holds", "place"),
     (),
 )
 """Grouped by task, the best AUC first, with the numbers as rounded text."""
@@ -70,7 +78,7 @@ VIEWS = (
         "tags.kind = 'aggregate' and metrics.transfer_ratio_high < 0",
         "metrics.`transfer_ratio`",
         True,
-        ("AUC", "transfer_ratio", "verdict", "source", "difference"),
+        ("AUC", "transfer_ratio", "verdict", "source", "difference", "holds"),
         (),
     ),
     View(

@@ -109,7 +109,19 @@ def visit(browser: Any, request: pytest.FixtureRequest) -> Iterator[Visit]:
 def test_everything_is_drawn_without_complaint_and_nothing_lies_over_anything(visit: Visit, address: str) -> None:
     visit.page.goto(address)
     visit.draw_all(visit.page)
-    for section in ("curves", "results", "matrix", "forest", "delta", "gate", "hyperparameters", "cells", "origin"):
+    shown = (
+        "curves",
+        "results",
+        "contrasts",
+        "matrix",
+        "forest",
+        "delta",
+        "gate",
+        "hyperparameters",
+        "cells",
+        "origin",
+    )
+    for section in shown:
         assert visit.page.locator(f"#{section} h2").is_visible()
     assert visit.page.locator(".plot svg.main-svg").count() > 10
     assert visit.page.evaluate("document.documentElement.scrollWidth <= innerWidth")

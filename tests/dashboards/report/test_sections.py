@@ -18,7 +18,8 @@ from orchestrator.analysis.findings import Findings, find
 from orchestrator.results.sweep_folder import Results
 from tests.dashboards import synthetic
 
-SECTIONS = ["verdict", "curves", "results", "matrix", "forest", "delta", "gate", "hyperparameters", "origin"]
+SECTIONS = ["verdict", "curves", "results", "contrasts", "matrix", "forest", "delta", "gate", "hyperparameters"]
+SECTIONS += ["origin"]
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"quoted\" 'too' =1+1"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from orchestrator.analysis.learning import learned_nothing, nothing_in
+from orchestrator.analysis.curves.learning import learned_nothing, nothing_in
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Seeds crossed with source networks: a seed counts once, and an interval is no narrower than seeds allow."""
+"""Seeds crossed with source networks: a seed counts once, and both are random in an interval."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import pandas as pd
 import pytest
 
 from orchestrator.analysis import statistics
-from orchestrator.analysis.curves import curve_bands
+from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.groups import groups
-from orchestrator.analysis.per_seed import networks, per_seed
+from orchestrator.analysis.inference import crossed as crossed_mean
+from orchestrator.analysis.seeds import networks, whole_seeds
 from orchestrator.analysis.selection import select
 from orchestrator.analysis.summary_table import numbers, row
 from orchestrator.planning.arms import Label
@@ -44,16 +45,19 @@ def bases(aucs: list[float]) -> list[dict[str, object]]:
 TABLE = pd.DataFrame([*bases([0.0, 1.0, 5.0]), *crossed([[1.0, 3.0], [2.0, 6.0], [7.0, 9.0]])])
 
 
-def test_a_seed_is_the_mean_of_its_networks_in_every_statistic() -> None:
+def test_seeds_and_networks_are_random_in_every_statistic() -> None:
     base, gate = groups(TABLE)
     assert (gate.seeds, gate.networks, gate.complete) == ((0, 1, 2), 2, True)
     means = [2.0, 4.0, 8.0]
     assert gate.auc is not None
     assert gate.auc.value == pytest.approx(np.mean(means))
-    assert (gate.auc.low, gate.auc.high) == pytest.approx((statistics.mean(means).low, statistics.mean(means).high))
+    both = crossed_mean.mean(np.array([[1.0, 2.0, 7.0], [3.0, 6.0, 9.0]]))
+    assert (gate.auc.low, gate.auc.high) == pytest.approx((both.low, both.high))
     assert gate.against_base is not None
     assert gate.against_base.seeds == 3
-    assert gate.against_base.difference == statistics.difference(means, [0.0, 1.0, 5.0])
+    gaps = crossed_mean.mean(np.array([[1.0, 1.0, 2.0], [3.0, 5.0, 4.0]]))
+    assert gate.against_base.difference == gaps
+    assert gaps.value == statistics.difference(means, [0.0, 1.0, 5.0]).value
     assert base.networks == 1
     assert row(gate)[4] == "3 x 2 sources"
     assert numbers(gate)["source_networks"] == 2
@@ -64,15 +68,15 @@ def test_a_seed_with_an_unfinished_network_counts_in_nothing() -> None:
     table.loc[table.index[-1], "status"] = "failed"
     gate = groups(table)[1]
     assert (gate.seeds, gate.failed, gate.complete) == ((0, 1), 1, False)
-    assert len(per_seed(table[table["group"] == gate.id])) == 2
+    assert len(whole_seeds(table[table["group"] == gate.id])) == 4
     assert networks(table[table["group"] == gate.id]) == 2
 
 
 def test_configurations_that_are_crossed_are_selected_by_the_means_of_their_seeds() -> None:
-    table = pd.concat([TABLE, pd.DataFrame(crossed([[2.0, 3.0], [3.0, 6.0], [8.0, 9.0]], threshold=5.0))])
+    table = pd.concat([TABLE, pd.DataFrame(crossed([[2.0, 4.0], [3.0, 7.0], [8.0, 10.0]], threshold=5.0))])
     (selected,) = (one for key, one in select(groups(table), table).items() if key.agent == "delta_gate")
     assert selected.best.hyperparameters["threshold"] == 5.0
-    assert selected.ties == ()  # better by .5 for each seed
+    assert selected.ties == ()  # better by 1 for each seed and network
 
 
 def test_the_band_of_a_curve_is_over_seeds() -> None:

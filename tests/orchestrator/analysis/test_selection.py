@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from orchestrator.analysis.curves import curve_bands
+from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.groups import groups
 from orchestrator.analysis.selection import select
 from orchestrator.analysis.summary_table import row

@@ -94,7 +94,7 @@ def test_a_difference_of_rounding_is_no_win() -> None:
     assert chance.low is not None
     assert chance.high is not None
     assert chance.low < 0.5 < chance.high
-    assert statistics.difference(same, base) == statistics.Estimate(0.0, 0.0, 0.0)
+    assert statistics.difference(same, base) == statistics.Estimate(0.0, 0.0, 0.0, p=1.0, df=3)
     assert statistics.transfer_ratio(same, base) == statistics.TransferRatio(0.0, 0.0, 0.0)
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from orchestrator.analysis.contrasts.table import number_table as contrast_table
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.paper_table1 import TABLE_1, same_row
 from orchestrator.analysis.summary_table import number_table
@@ -60,9 +61,10 @@ def deep(storage: Path, **settings: object) -> Findings:
 @pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_the_results_are_the_same_as_csv_and_as_parquet(small: Findings, tmp_path: Path, form: str) -> None:
     written = write(small, form, tmp_path / "out")
-    names = [f"{name}.{form}" for name in ("configurations", "cells", "points")]
+    names = [f"{name}.{form}" for name in ("configurations", "contrasts", "cells", "points")]
     assert [path.name for path in written.files] == names
-    for path, table in zip(written.files, (number_table(small.groups), small.cells, small.points), strict=True):
+    tables = (number_table(small.groups), contrast_table(small.contrasts), small.cells, small.points)
+    for path, table in zip(written.files, tables, strict=True):
         read = pd.read_csv(path) if form == "csv" else pd.read_parquet(path)
         assert list(read.columns) == list(table.columns)
         assert len(read) == len(table)

@@ -56,6 +56,7 @@ DELTA_ES = Agent(
     "dqn",
     LEARNER,
     "deep",
+    rivals=("es", "constant_es", "shuffled_es"),
     shown=("advice_fraction",),
     usual=True,
     algorithm=2,

@@ -90,6 +90,8 @@ class TaskFamily:
     """Makes the environment without deltatune, which the task at its defaults must equal bit for bit."""
     extra: str = ""
     """The extra of the package that its simulator needs; empty: none."""
+    solved_at: float | None = None
+    """The return at which the task counts as solved (Gymnasium's reward_threshold); None where there is none."""
     origin: Literal["built-in", "custom", "missing"] = "built-in"
     """missing: a custom task whose code is not loaded."""
 

@@ -1,0 +1,1 @@
+"""One agent of a sweep against another, and all comparisons of a sweep together."""

@@ -1,0 +1,1 @@
+"""What evaluation curves say: their bands, whether anything was learned, and how soon."""
