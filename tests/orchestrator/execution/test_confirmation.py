@@ -233,7 +233,9 @@ def test_nothing_is_said_of_confirmation_where_none_was_asked_for(finished: Path
     results = Results.open(finished, "small")
     found = find(results)
     assert all("confirmed" not in entry for entry in best(found)["best"])
-    assert "confirmed" not in " ".join(map(str, sections(found, figures(found))[0]))
+    said = " ".join(map(str, sections(found, figures(found))[0]))
+    assert "Confirmed:" not in said
+    assert "confirmed AUC" not in said
 
 
 def test_a_verdict_is_the_confirmations(findings: Findings) -> None:
