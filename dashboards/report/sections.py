@@ -55,8 +55,8 @@ def figures(findings: Findings, missing: list[str] | None = None) -> list[Figure
 
     A figure that raises is Absent too, and `missing` gets a sentence on it; the others are drawn all the same.
     """
-    charts = (over_tasks, transfer_matrix, evaluation_curves, delta_effect, gate, forest, importance)
-    charts += (sensitivity, advice_fraction)
+    charts = [over_tasks, transfer_matrix, evaluation_curves, delta_effect, gate, forest, importance]
+    charts += [sensitivity, advice_fraction]
     wanted: list[tuple[str, str, Callable[[Findings], Figure]]]
     wanted = [(module.NAME, module.TITLE, module.chart) for module in charts]
     profile = over_tasks.PROFILE, over_tasks.PROFILE_TITLE, over_tasks.performance_profile
