@@ -148,8 +148,13 @@ def groups(cells: pd.DataFrame) -> list[Group]:
     if cells.empty:
         return []
     frames: dict[str, pd.DataFrame] = {str(key): frame for key, frame in cells.groupby("group", sort=False)}
-    bases = {_base_key(frame.iloc[0]): frame for frame in frames.values() if frame.iloc[0]["source"] == "none"}
-    found = [_group(key, frame, bases) for key, frame in frames.items()]
+    values = {key: json.loads(frame.iloc[0]["hyperparameters"]) for key, frame in frames.items()}
+    bases = {
+        _base_key(first, values[key], str(first["agent"])): frame
+        for key, frame in frames.items()
+        if (first := frame.iloc[0])["source"] == "none"
+    }
+    found = [_group(key, frame, values[key], bases) for key, frame in frames.items()]
     arms = {group.key for group in found}
     return [replace(group, source_label=_source_label(group, arms)) for group in found]
 
@@ -165,19 +170,18 @@ def _source_label(group: Group, arms: Collection[Key]) -> str:
     return text
 
 
-def _base_key(row: pd.Series, agent: str | None = None) -> tuple[str, str, str]:
-    """Return (task, agent, hyperparameters), in which a cell and its baseline must agree."""
-    name = agent or str(row["agent"])
-    known = agent_named(name).hyperparameters.model_fields
-    values = {key: value for key, value in json.loads(row["hyperparameters"]).items() if key in known}
-    return str(row["task"]), name, json.dumps(values, sort_keys=True)
+def _base_key(row: pd.Series, values: Values, agent: str) -> tuple[str, str, str]:
+    """Return (task, agent, hyperparameters), in which a cell and its baseline, of that agent, must agree."""
+    known = agent_named(agent).hyperparameters.model_fields
+    shared = {key: value for key, value in values.items() if key in known}
+    return str(row["task"]), agent, json.dumps(shared, sort_keys=True)
 
 
-def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], pd.DataFrame]) -> Group:
+def _group(key: str, frame: pd.DataFrame, values: Values, bases: Mapping[tuple[str, str, str], pd.DataFrame]) -> Group:
     first = frame.iloc[0]
     done = whole_seeds(frame)
     base = agent_named(str(first["agent"])).base
-    without = bases.get(_base_key(first, base)) if base else None
+    without = bases.get(_base_key(first, values, base)) if base else None
     both = _paired(done, without)
     found = {metric.key: metric.compute(Seeds(done, both)) for metric in METRICS}
     estimates = {name: estimate for name, estimate in found.items() if estimate is not None}
@@ -188,7 +192,7 @@ def _group(key: str, frame: pd.DataFrame, bases: Mapping[tuple[str, str, str], p
         agent=str(first["agent"]),
         source=str(first["source"]),
         source_task=_text(first, "source_task") or _text(first, "baseline_for") or None,
-        hyperparameters=json.loads(first["hyperparameters"]),
+        hyperparameters=values,
         seeds=tuple(int(seed) for seed in done["seed"].drop_duplicates()),
         failed=int((frame["status"] == "failed").sum()),
         stopped=int((frame["status"] == "stopped").sum()),

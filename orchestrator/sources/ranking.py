@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,7 +80,8 @@ def rank_sources(target: str, entries: Sequence[Entry], episodes: int, seed: int
     if len(gammas) > 1:
         raise InputError(f"the sources have different discount factors ({', '.join(map(str, sorted(gammas)))})")
     fitting.sort(key=lambda entry: entry.id)
-    ranking = rank(_comparison(task, fitting, gammas.pop(), seed), len(fitting), episodes)
+    with closing(_comparison(task, fitting, gammas.pop(), seed)) as comparison:
+        ranking = rank(comparison, len(fitting), episodes)
     return Found(task.name, tuple(fitting), ranking, len(entries) - len(fitting))
 
 

@@ -125,8 +125,8 @@ def self_delta(
     """Return delta of a source on its own `task`, from episodes of its epsilon-greedy policy with a separate stream."""
     from trainables.tasks.rollout import Rollout
 
-    rollout = Rollout(parse_task(task), stream(seed, "calibration", task))
-    found = tuple(episode_of(source, rollout.episode(source, epsilon), gamma) for _ in range(episodes))
+    with Rollout(parse_task(task), stream(seed, "calibration", task)) as rollout:
+        found = tuple(episode_of(source, rollout.episode(source, epsilon), gamma) for _ in range(episodes))
     steps = sum(episode.steps for episode in found)
     mean_abs = math.fsum(episode.mean_abs * episode.steps for episode in found) / steps
     square = math.fsum(episode.mean_square * episode.steps for episode in found) / steps

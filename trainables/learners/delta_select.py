@@ -165,6 +165,8 @@ def run_episodes(
 class SelectLearner(InPlace):
     """The learner of delta_select: its tables, counts and random streams."""
 
+    _settings: DeltaSelect
+
     def __init__(self, cell: Cell, source: Knowledge | None) -> None:
         settings = cell.settings
         assert isinstance(settings, DeltaSelect)
@@ -194,11 +196,9 @@ class SelectLearner(InPlace):
         self._episode, self._seen = 0, (0, 0)
         self._training_return: float | None = None
 
-    def run(self, episodes: int) -> None:
-        """Train for `episodes` more episodes."""
-        numbers = np.arange(self._episode, self._episode + episodes)
-        dynamics, settings = self._dynamics, self._settings
-        total = run_episodes(
+    def _train(self, numbers: NDArray[np.int64], epsilons: NDArray[np.float64]) -> float:
+        dynamics = self._dynamics
+        return run_episodes(
             dynamics.kind,
             dynamics.parameters,
             dynamics.start,
@@ -207,12 +207,10 @@ class SelectLearner(InPlace):
             self._sources,
             self._paths,
             self._rule,
-            np.maximum(settings.epsilon_start - settings.epsilon_decay * numbers, 0.0),
+            epsilons,
             self._env_rng,
             self._explore_rng,
         )
-        self._episode += episodes
-        self._training_return = total / episodes
 
     def evaluate(self) -> EvalPoint:
         """Return a point with the exact return of the source that would be followed now, or of argmax Q_trg."""

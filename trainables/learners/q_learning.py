@@ -151,11 +151,9 @@ class TabularLearner(InPlace):
         self._seen = (0, 0)
         self._evaluated: tuple[bytes, tuple[float, float]] = (b"", (0.0, 0.0))
 
-    def run(self, episodes: int) -> None:
-        """Train for `episodes` more episodes."""
-        numbers = np.arange(self._episode, self._episode + episodes)
+    def _train(self, numbers: NDArray[np.int64], epsilons: NDArray[np.float64]) -> float:
         dynamics = self._dynamics
-        total = run_episodes(
+        return run_episodes(
             dynamics.kind,
             dynamics.parameters,
             dynamics.start,
@@ -163,13 +161,11 @@ class TabularLearner(InPlace):
             self._tables,
             self._rule,
             self._counts,
-            np.maximum(self._settings.epsilon_start - self._settings.epsilon_decay * numbers, 0.0),
+            epsilons,
             self._psi(numbers),
             self._env_rng,
             self._explore_rng,
         )
-        self._episode += episodes
-        self._training_return = total / episodes
 
     def evaluate(self) -> EvalPoint:
         """Return a point with the exact return of the greedy policy, and delta's statistics since the last call."""

@@ -1,4 +1,4 @@
-"""Checkpointing for tabular learners, whose compiled loops update arrays in place."""
+"""Training and checkpointing of tabular learners, whose compiled loops update arrays in place."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trainables.agents.builtin.q_learning import QLearning
+
 
 class InPlace(ABC):
-    """Implements `state` and `restore` for a learner that consists of arrays, random streams and counters."""
+    """Implements `run`, `state` and `restore` for a learner that consists of arrays, random streams and counters."""
 
+    _settings: QLearning
     _env_rng: np.random.Generator
     _explore_rng: np.random.Generator
     _episode: int
@@ -20,8 +23,19 @@ class InPlace(ABC):
     _seen: tuple[int, int]
 
     @abstractmethod
+    def _train(self, numbers: NDArray[np.int64], epsilons: NDArray[np.float64]) -> float:
+        """Train for the episodes of these numbers, with epsilon in each; return the sum of their returns."""
+
+    @abstractmethod
     def _arrays(self) -> dict[str, NDArray[Any]]:
         """Return every array that training changes, by name."""
+
+    def run(self, episodes: int) -> None:
+        """Train for `episodes` more episodes."""
+        numbers = np.arange(self._episode, self._episode + episodes)
+        epsilons = np.maximum(self._settings.epsilon_start - self._settings.epsilon_decay * numbers, 0.0)
+        self._training_return = self._train(numbers, epsilons) / episodes
+        self._episode += episodes
 
     def state(self) -> dict[str, Any]:
         """Return everything on which further training depends, between two episodes."""

@@ -41,6 +41,10 @@ class DeepComparison:
             self._episodes[source].append(episode_of(self._sources[source][1], seen, self._gamma))
         return float(self._gamma ** np.arange(len(seen.rewards)) @ seen.rewards.astype(np.float64))
 
+    def close(self) -> None:
+        """Close the target's environment."""
+        self._rollout.close()
+
     def values(self) -> list[float]:
         """Return the upper bound of each source's value from its episodes; infinity without any."""
         sd = _pooled_sd(self._episodes)

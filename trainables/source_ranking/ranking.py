@@ -89,6 +89,9 @@ class SourceComparison(Protocol):
     def steps(self) -> int:
         """Target steps taken."""
 
+    def close(self) -> None:
+        """Close what it holds open."""
+
     def play(self, source: int | None) -> float:
         """Play a target episode, by a source or at random, and learn from it; return its discounted return."""
 

@@ -82,6 +82,9 @@ class TabularComparison:
         """Play a target episode; return its discounted return."""
         return self._player.play(RANDOM if source is None else self._followers[source].pi, self._gamma)
 
+    def close(self) -> None:
+        """Do nothing: there is no environment."""
+
     def values(self) -> list[float]:
         """Return the estimated return of following each source."""
         return [follower.value(self._player.seen) for follower in self._followers]

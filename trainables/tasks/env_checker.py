@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,29 +50,29 @@ def check(task: Task) -> Iterator[Finding]:
 
 def steps_per_second(task: Task, seconds: float = 0.5) -> float:
     """Return the environment's steps per second, resets included."""
-    env, rng = make_env(task), np.random.default_rng(0)
-    env.reset(seed=0)
-    actions = _actions(env, rng, 1000)
-    env.step(actions[0])  # a compiled step is compiled now
-    env.reset()
-    steps, started = 0, time.perf_counter()
-    while (spent := time.perf_counter() - started) < seconds:
-        _, _, terminated, truncated, _ = env.step(actions[steps % 1000])
-        steps += 1
-        if terminated or truncated:
-            env.reset()
-    return steps / spent
+    with closing(make_env(task)) as env:
+        env.reset(seed=0)
+        actions = _actions(env, np.random.default_rng(0), 1000)
+        env.step(actions[0])  # a compiled step is compiled now
+        env.reset()
+        steps, started = 0, time.perf_counter()
+        while (spent := time.perf_counter() - started) < seconds:
+            _, _, terminated, truncated, _ = env.step(actions[steps % 1000])
+            steps += 1
+            if terminated or truncated:
+                env.reset()
+        return steps / spent
 
 
 def rollout(env: gymnasium.Env[Any, Any], steps: int = STEPS) -> list[bytes]:
-    """Return the bytes of every observation, reward and flag under fixed actions and a fixed seed."""
-    seen = [np.asarray(env.reset(seed=7)[0]).tobytes()]
-    for action in _actions(env, np.random.default_rng(1), steps):
-        observation, reward, terminated, truncated, _ = env.step(action)
-        seen.append(np.asarray(observation).tobytes() + np.array([reward, terminated, truncated], float).tobytes())
-        if terminated or truncated:
-            seen.append(np.asarray(env.reset()[0]).tobytes())
-    env.close()
+    """Return the bytes of every observation, reward and flag under fixed actions and a fixed seed, and close `env`."""
+    with closing(env):
+        seen = [np.asarray(env.reset(seed=7)[0]).tobytes()]
+        for action in _actions(env, np.random.default_rng(1), steps):
+            observation, reward, terminated, truncated, _ = env.step(action)
+            seen.append(np.asarray(observation).tobytes() + np.array([reward, terminated, truncated], float).tobytes())
+            if terminated or truncated:
+                seen.append(np.asarray(env.reset()[0]).tobytes())
     return seen
 
 
@@ -100,8 +101,8 @@ def _spaces(task: Task) -> tuple[bool, str]:
     if task.tabular:
         states: Any = env.observation_space
         return True, f"{states.n} states, {env.action_space.n} actions"  # type: ignore[attr-defined]
-    seen = Environment(make_env(task))
-    return True, f"vectors of {seen.inputs}, {seen.actions} actions, {seen.time_limit} steps at most"
+    with closing(Environment(make_env(task))) as seen:
+        return True, f"vectors of {seen.inputs}, {seen.actions} actions, {seen.time_limit} steps at most"
 
 
 def _deterministic(task: Task) -> tuple[bool, str]:
@@ -112,7 +113,12 @@ def _deterministic(task: Task) -> tuple[bool, str]:
 
 
 def _numbers(task: Task) -> tuple[bool, str]:
-    env = make_env(task)
+    with closing(make_env(task)) as env:
+        return _sound(env)
+
+
+def _sound(env: gymnasium.Env[Any, Any]) -> tuple[bool, str]:
+    """Return whether observations and rewards are finite and as the space says."""
     space = env.observation_space
     observation, _ = env.reset(seed=3)
     outside, rewards = "", []
@@ -144,15 +150,16 @@ def _plain(task: Task) -> tuple[bool | None, str]:
 
 
 def _model(task: Task) -> tuple[bool, str]:
-    model, env = task.model(), make_env(task)
-    state, _ = env.reset(seed=5)
+    model = task.model()
     actions = model.rewards.shape[1]
-    for action in _actions(env, np.random.default_rng(3), 10 * STEPS):
-        after, _, terminated, truncated, _ = env.step(action)
-        row = model.transitions[[state * actions + action]].toarray()[0]
-        if not row[after] > 0 or terminated != bool(model.terminal[after]):
-            return False, f"state {after} follows state {state} and action {action}, which the model excludes"
-        state = env.reset()[0] if terminated or truncated else after
+    with closing(make_env(task)) as env:
+        state, _ = env.reset(seed=5)
+        for action in _actions(env, np.random.default_rng(3), 10 * STEPS):
+            after, _, terminated, truncated, _ = env.step(action)
+            row = model.transitions[[state * actions + action]].toarray()[0]
+            if not row[after] > 0 or terminated != bool(model.terminal[after]):
+                return False, f"state {after} follows state {state} and action {action}, which the model excludes"
+            state = env.reset()[0] if terminated or truncated else after
     return True, f"{10 * STEPS} steps"
 
 

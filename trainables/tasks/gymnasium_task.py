@@ -10,6 +10,7 @@ import functools
 import importlib.util
 import logging
 import re
+from contextlib import closing
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -43,12 +44,11 @@ def family(name: str, paths: tuple[str, ...]) -> TaskFamily:
     """
     from trainables.tasks.wrappers.discretise import levels_feature
 
-    env = _make(name)
-    levels = (levels_feature(LEVELS),) if _continuous(env) else ()
-    attributes = sorted(set(paths) - {feature.name for feature in levels})
-    found = tuple(_feature(name, env.unwrapped, path) for path in attributes)
-    env.close()
-    threshold = env.spec.reward_threshold if env.spec else None
+    with closing(_make(name)) as env:
+        levels = (levels_feature(LEVELS),) if _continuous(env) else ()
+        attributes = sorted(set(paths) - {feature.name for feature in levels})
+        found = tuple(_feature(name, env.unwrapped, path) for path in attributes)
+        threshold = env.spec.reward_threshold if env.spec else None
     return TaskFamily(
         name,
         "a Gymnasium environment",
@@ -119,20 +119,20 @@ def _build(name: str, context: Context) -> gymnasium.Env:
     try:
         return discretise(env, levels)
     except InputError as error:
+        env.close()
         raise InputError(f"task '{name}': {error}") from None
 
 
 def _check(name: str, context: Context) -> None:
     """Raise InputError for too many actions or a value that cannot be set; warn of a change without effect."""
     values = dict(context)
-    levels = {"levels": values.pop("levels")} if _continuous(_make(name)) else {}
-    plain = _build(name, levels)
-    for path, value in values.items():
-        if value == getattr(*_owner(plain.unwrapped, path)):
-            continue
+    with closing(_make(name)) as plain:
+        levels = {"levels": values.pop("levels")} if _continuous(plain) else {}
+        changes = {path: value for path, value in values.items() if value != getattr(*_owner(plain.unwrapped, path))}
+    _build(name, levels).close()
+    for path, value in changes.items():
         try:
-            changed = _build(name, {**levels, path: value})
-            same = _rollout(changed) == _rollout(_build(name, levels))
+            same = _rollout(_build(name, {**levels, path: value})) == _rollout(_build(name, levels))
         except Exception as error:  # the environment's code, with a value that it may not support
             raise InputError(f"task '{name}': {path} cannot be set to {value:g} ({error})") from None
         if same:
@@ -148,12 +148,12 @@ def _rollout(env: gymnasium.Env) -> list[bytes]:
     import numpy as np
 
     seen: list[bytes] = []
-    env.reset(seed=0)
-    space: Any = env.action_space
-    for action in int(space.start) + np.random.default_rng(0).integers(0, int(space.n), 100):
-        observation, reward, terminated, truncated, _ = env.step(int(action))
-        seen.append(np.asarray(observation).tobytes() + np.float64(reward).tobytes())
-        if terminated or truncated:
-            env.reset()
-    env.close()
+    with closing(env):
+        env.reset(seed=0)
+        space: Any = env.action_space
+        for action in int(space.start) + np.random.default_rng(0).integers(0, int(space.n), 100):
+            observation, reward, terminated, truncated, _ = env.step(int(action))
+            seen.append(np.asarray(observation).tobytes() + np.float64(reward).tobytes())
+            if terminated or truncated:
+                env.reset()
     return seen

@@ -13,10 +13,20 @@ from trainables.tasks.step_env import Environment
 
 
 class Rollout:
-    """Plays whole episodes in one environment."""
+    """Plays whole episodes in one environment, which is closed at the end of the context."""
 
     def __init__(self, task: Task, rng: np.random.Generator) -> None:
         self._env, self._rng = Environment(make_env(task)), rng
+
+    def __enter__(self) -> Rollout:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._env.close()
 
     @property
     def shape(self) -> tuple[int, int]:

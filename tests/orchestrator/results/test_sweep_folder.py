@@ -10,6 +10,8 @@ import pandas as pd
 import pytest
 from conftest import CELLS, SPACE, record_lines, set_record_lines
 
+from deltatune.publish import publish
+from orchestrator.results import sweep_folder
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
 from search_spaces.loading import parse
@@ -31,6 +33,19 @@ def test_a_cell_id_cannot_leave_the_folder(copy: Results, cell_id: str) -> None:
         copy.record(cell_id)
     with pytest.raises(InputError, match="16 hexadecimal digits"):
         SourceLibrary(copy.storage).load(cell_id)
+
+
+def test_a_search_space_is_checked_once_however_often_it_is_asked_for(
+    copy: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each check of a custom task builds its environments."""
+    checked: list[object] = []
+    monkeypatch.setattr(sweep_folder, "parse", lambda name, data: checked.append(data) or parse(name, data))
+    publish(copy)
+    assert copy.space() is copy.space()
+    assert len(checked) == 1
+    Results.create(copy.storage, "small", parse("small", SPACE | {"seeds": 1}))
+    assert len(copy.space().seeds) == 1
 
 
 @pytest.mark.parametrize("name", ["../x", "", "a/b", ".hidden", "x" * 65])

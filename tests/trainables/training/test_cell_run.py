@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trainables.cell import Cell
+from trainables.cell import Cell, Source
 from trainables.curve import EvalPoint
 from trainables.errors import InputError, TrainingError
 from trainables.knowledge import Knowledge
@@ -173,9 +173,18 @@ def test_a_learner_is_closed_however_its_cell_ends(
     assert len(closed) == 1
 
 
-def test_deep_learners_close_their_environments(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("agent", ["dqn", "jsrl", "relative_es", "dqinit", "replay_seed"])
+def test_deep_learners_close_their_environments(monkeypatch: pytest.MonkeyPatch, agent: str) -> None:
+    """Those that play the source before they train too."""
     from trainables.tasks.step_env import Environment
 
+    values = {"episodes": 2, "evaluation_episodes": 2, "hidden_size": 8, "batch_size": 8}
+    base = Cell.create("dqn", "cartpole", 0, values)
+    trained = run_cell(base, lambda cell: None, keep=True)
+    assert trained is not None
+    assert trained.knowledge is not None
+    knowledge = Knowledge.from_bytes(trained.knowledge)[0]
+    source = Source(task="cartpole", kind="learned", cell_id=base.id, checkpoint="last", steps=100)
     made: list[Environment] = []
     closed: list[Environment] = []
     build = Environment.__init__
@@ -186,11 +195,11 @@ def test_deep_learners_close_their_environments(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(Environment, "__init__", noted)
     monkeypatch.setattr(Environment, "close", lambda env: closed.append(env))
-    cell = Cell.create("dqn", "cartpole", 0, {"episodes": 2, "evaluation_episodes": 2, "hidden_size": 8})
-    found = run_cell(cell, lambda cell: None)
+    cell = Cell.create(agent, "cartpole:gravity=5x", 0, values, None if agent == "dqn" else source)
+    found = run_cell(cell, lambda cell: knowledge)
     assert found is not None
     assert found.error is None
-    assert len(made) == 3
+    assert len(made) >= 3
     assert set(map(id, closed)) == set(map(id, made))
 
 

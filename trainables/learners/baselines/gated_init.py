@@ -40,8 +40,8 @@ class GatedInit(Advice):
     def begin(self, run: Run) -> None:
         """Define the bins by states of the source's own task."""
         task = run.cell.sources[0].task
-        rollout = Rollout(parse_task(task), stream(run.cell.seed, "calibration", task))
-        states = [rollout.episode(self.source, float(i % 2)).observations for i in range(EPISODES)]
+        with Rollout(parse_task(task), stream(run.cell.seed, "calibration", task)) as rollout:
+            states = [rollout.episode(self.source, float(i % 2)).observations for i in range(EPISODES)]
         shares = np.arange(1, self.settings.bins) / self.settings.bins
         self._edges = np.quantile(np.concatenate(states), shares, axis=0).T
         self._places = self.settings.bins ** np.arange(len(self._edges), dtype=np.int64)

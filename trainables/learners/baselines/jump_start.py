@@ -21,8 +21,9 @@ class JumpStart(Annealed):
 
     def begin(self, run: Run) -> None:
         """Play the source on the target task to measure the horizon."""
-        rollout = Rollout(parse_task(run.cell.task), stream(run.cell.seed, "calibration", run.cell.task))
-        lengths = [len(rollout.episode(self.source).actions) for _ in range(EPISODES)]
+        task = run.cell.task
+        with Rollout(parse_task(task), stream(run.cell.seed, "calibration", task)) as rollout:
+            lengths = [len(rollout.episode(self.source).actions) for _ in range(EPISODES)]
         self._horizon = sum(lengths) / EPISODES
         self._left = 0
 

@@ -34,8 +34,8 @@ class RelativeDelta(DeltaShaping):
     def begin(self, run: Run) -> None:
         """Play the source on its own task, and measure delta_0 and the range of A_src there."""
         task = run.cell.sources[0].task
-        rollout = Rollout(parse_task(task), stream(run.cell.seed, "calibration", task))
-        episodes = [rollout.episode(self.source, EPSILONS[i % len(EPSILONS)]) for i in range(EPISODES)]
+        with Rollout(parse_task(task), stream(run.cell.seed, "calibration", task)) as rollout:
+            episodes = [rollout.episode(self.source, EPSILONS[i % len(EPSILONS)]) for i in range(EPISODES)]
         seen = Transitions(*(np.concatenate(column) for column in zip(*episodes, strict=True)))
         generator = torch.Generator()
         generator.manual_seed(int(seed_sequence(run.cell.seed, "calibration", task).generate_state(1)[0]))

@@ -27,10 +27,10 @@ class SourceReplay(Annealed):
     def begin(self, run: Run) -> None:
         """Play the source's policy on the source task."""
         task = run.cell.sources[0].task
-        rollout = Rollout(parse_task(task), stream(run.cell.seed, "calibration", task))
         episodes: list[Transitions] = []
-        while sum(len(episode.actions) for episode in episodes) < self.settings.source_transitions:
-            episodes.append(rollout.episode(self.source, self.settings.source_epsilon))
+        with Rollout(parse_task(task), stream(run.cell.seed, "calibration", task)) as rollout:
+            while sum(len(episode.actions) for episode in episodes) < self.settings.source_transitions:
+                episodes.append(rollout.episode(self.source, self.settings.source_epsilon))
         columns = (np.concatenate(column) for column in zip(*episodes, strict=True))
         self._seen = Transitions(*(column[: self.settings.source_transitions] for column in columns))
         self._rng = stream(run.cell.seed, "advice", run.cell.task)
