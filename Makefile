@@ -2,6 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PACKAGES := trainables search_spaces orchestrator dashboards deltatune
+TWO := -n 2 --dist loadgroup --no-loadscope-reorder
 
 .PHONY: setup demo docs test test-fast test-slow lint check bench clean
 
@@ -20,13 +21,13 @@ demo: setup
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# All but the slow ones, in two processes: the tests that start Ray in one of them, the others beside it.
+# All but the slow ones, in two processes, by the groups and in the order of tests/conftest.py.
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest $(TWO)
 
-# A loop of under a minute: nothing that starts Ray or a browser.
+# A loop of under a minute: nothing that takes long, or starts Ray or a browser.
 test-fast: setup
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'not (slow or ray or cluster or browser or server)'
+	$(BIN)/python -m pytest $(TWO) -m 'not (slow or long or ray or cluster or browser)'
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow

@@ -1,14 +1,17 @@
-"""What the tests share: one Ray for the whole session, and one small finished sweep to read from."""
+"""What the tests share: one Ray for the whole session, and small finished sweeps to read from; and who runs which."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import pandas as pd
 import pytest
+from filelock import FileLock
 
 from orchestrator.execution.settings import Settings
 from orchestrator.process_env import prepare
@@ -41,6 +44,9 @@ SPACE = {
 """4 cells of the source stage and 28 of the transfer stage, of a few milliseconds each."""
 
 CELLS = 4 + 2 * (2 + 4 + 8)
+
+GROUPS = 2 + 2 * (1 + 2 + 4)
+"""Its configurations."""
 
 LONGER = {"hyperparameters": {"episodes": [1500], "evaluate_every": [50]}}
 """Makes the cells of SPACE some tenths of a second long."""
@@ -75,18 +81,59 @@ def timeless(table: pd.DataFrame) -> pd.DataFrame:
     return table.drop(columns=["seconds", "steps_per_second"], errors="ignore")
 
 
-RAY = {"ray", "cluster"}
-"""Marks of tests that start Ray: pytest-xdist gives them all to one of its processes, beginning with them."""
+LONG = (
+    "test_cluster",
+    "ray",
+    "test_every_space",
+    "test_simulation",
+    "test_mlflow_ui",
+    "test_mlflow",
+    "test_driver",
+    "test_workers",
+    "test_remote",
+    "test_kill",
+    "test_executors",
+    "test_mlflow_mirror",
+    "test_mlflow_registry",
+    "test_extending",
+    "test_update_speed",
+    "test_figures",
+    "test_sections",
+    "test_browser",
+    "test_two_sweeps",
+    "test_mutations",
+    "test_fuzz",
+)
+"""Groups of tests that take longest: they begin first, in this order, and `make test-fast` leaves them out."""
+
+APART = {"test_every_space", "test_simulation"}
+"""Modules whose tests share nothing that is dear to make."""
+
+
+def _group(item: pytest.Item) -> str:
+    """Return the name of the tests that one process of pytest-xdist runs, one after the other.
+
+    Those of a module, which share its fixtures; and those that share this session's Ray.
+    """
+    if "ray_session" in getattr(item, "fixturenames", ()) or item.get_closest_marker("ray"):
+        return "ray"
+    name = item.path.stem
+    return f"{name}:{item.name}" if name in APART else name
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that use this session's Ray, and put all that start one first and together."""
+    """Mark the tests that use this session's Ray and those that take long; group all, and put the long groups first."""
+    places = {}
     for item in items:
         if "ray_session" in getattr(item, "fixturenames", ()):
             item.add_marker("ray")
-        if any(item.get_closest_marker(name) for name in RAY):
-            item.add_marker(pytest.mark.xdist_group("ray"))
-    items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
+        group = _group(item)
+        item.add_marker(pytest.mark.xdist_group(group))
+        name = group.partition(":")[0]
+        places[item] = LONG.index(name) if name in LONG else len(LONG)
+        if name in LONG:
+            item.add_marker("long")
+    items.sort(key=places.__getitem__)
 
 
 @pytest.fixture(autouse=True)
@@ -106,25 +153,56 @@ def ray_session() -> Iterator[None]:
     ray.shutdown()
 
 
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
+    """Return the folder `name` that `make` has filled, once for all processes of this run of the tests."""
+    root = factory.getbasetemp()
+    folder = (root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / f"shared-{name}"
+    with FileLock(f"{folder}.lock"):
+        if not (whole := folder.with_suffix(".whole")).exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            make(folder)
+            whole.touch()
+    return folder
+
+
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The storage folder of a finished sweep called `small`. Read it; copy it before you change anything."""
-    return _swept(tmp_path_factory.mktemp("finished"), CELLS)
+    return made_once(tmp_path_factory, "finished", lambda folder: _sweep(folder, CELLS))
 
 
 @pytest.fixture(scope="session")
 def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As `finished`, with cells that are LONGER."""
-    return _swept(tmp_path_factory.mktemp("calm"), CELLS, **LONGER)
+    return made_once(tmp_path_factory, "calm", lambda folder: _sweep(folder, CELLS, **LONGER))
 
 
 @pytest.fixture(scope="session")
 def calm_deep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As `finished`, of DEEP."""
-    return _swept(tmp_path_factory.mktemp("calm-deep"), 6, **DEEP)
+    return made_once(tmp_path_factory, "calm-deep", lambda folder: _sweep(folder, 6, **DEEP))
 
 
-def _swept(storage: Path, cells: int, **changes: Any) -> Path:
+@pytest.fixture(scope="module")
+def quick_mlflow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Copy new MLflow databases from one that was made once: MLflow takes a second of computing to make one."""
+    from orchestrator.tracking.mlflow import store
+
+    make = store.make
+    made = made_once(tmp_path_factory, "mlflow", lambda folder: make(folder / "mlflow.db")) / "mlflow.db"
+
+    def copied(path: Path) -> None:
+        if not (path.exists() and path.stat().st_size):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(made, path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "make", copied)
+        yield
+
+
+def _sweep(storage: Path, cells: int, **changes: Any) -> None:
     from rich.console import Console
 
     from orchestrator.execution.sweep import run
@@ -135,4 +213,3 @@ def _swept(storage: Path, cells: int, **changes: Any) -> Path:
     tally = run(results, LOCAL, Console(quiet=True))
     assert (tally.ran, tally.failed) == (cells, 0)
     results.write_tables()
-    return storage

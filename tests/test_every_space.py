@@ -36,6 +36,8 @@ from trainables.errors import InputError
 from trainables.tasks.registry import parse_task
 from trainables.training.throughput import measure
 
+pytestmark = pytest.mark.usefixtures("quick_mlflow")
+
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 TANK, LEAK = "tank.py:Task", "tank.py:Task:leak=0.1"
 CUSTOM = {

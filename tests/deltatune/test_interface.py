@@ -83,7 +83,14 @@ def test_figures_are_pictures_of_a_notebook(finished: Path) -> None:
 
 
 def test_a_sweep_from_python_gives_its_results_and_goes_on(tmp_path: Path) -> None:
-    settings = {"storage": tmp_path, "seeds": 1, "agents": ["q_learning"], "local": True, "progress": False}
+    settings = {
+        "storage": tmp_path,
+        "seeds": 1,
+        "agents": ["q_learning"],
+        "local": True,
+        "workers": 1,
+        "progress": False,
+    }
     results = deltatune.sweep(SPACE, mlflow=False, **settings)  # type: ignore[arg-type]
     assert set(results.cells["status"]) == {"done"}
     assert isinstance(results.best, pd.DataFrame)

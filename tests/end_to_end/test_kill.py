@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
-from conftest import CELLS, SPACE, timeless
+from conftest import CELLS, GROUPS, LONGER, SPACE, timeless
 from mlflow.tracking import MlflowClient
 
 from orchestrator.results.sweep_folder import Results
@@ -28,30 +28,29 @@ def command(space: Path, storage: Path) -> list[str]:
     return [sys.executable, "-m", "deltatune.cli.main", *words]
 
 
-def test_a_killed_sweep_goes_on_with_its_missing_cells(tmp_path: Path) -> None:
+def test_a_killed_sweep_goes_on_with_its_missing_cells(calm: Path, tmp_path: Path) -> None:
     space = tmp_path / "space.yaml"
-    space.write_text(yaml.safe_dump(SPACE | {"hyperparameters": {"episodes": [1500], "evaluate_every": [50]}}))
-    killed, calm = tmp_path / "killed", tmp_path / "calm"
-    with subprocess.Popen(command(space, killed), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
+    space.write_text(yaml.safe_dump(SPACE | LONGER, sort_keys=False))
+    with subprocess.Popen(command(space, tmp_path), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
         deadline = time.monotonic() + 240
-        while ended(killed) < ENOUGH:
+        while ended(tmp_path) < ENOUGH:
             assert driver.poll() is None, "the sweep ended before it could be killed"
             assert time.monotonic() < deadline, "no cell ended"
             time.sleep(0.05)
         os.kill(driver.pid, signal.SIGKILL)
-    there = ended(killed)
+    there = ended(tmp_path)
     assert ENOUGH <= there < CELLS
-    tally = json.loads(subprocess.run(command(space, killed), capture_output=True, check=True).stdout)["tally"]
+    tally = json.loads(subprocess.run(command(space, tmp_path), capture_output=True, check=True).stdout)["tally"]
     assert (tally["reused"], tally["ran"]) == (there, CELLS - there)
-    subprocess.run(command(space, calm), capture_output=True, check=True)
     for name in ("cells", "points"):
-        tables = [pd.read_parquet(folder / "small" / f"{name}.parquet") for folder in (killed, calm)]
+        tables = [pd.read_parquet(folder / "small" / f"{name}.parquet") for folder in (tmp_path, calm)]
         pd.testing.assert_frame_equal(
             *(timeless(table) for table in tables),
             check_exact=True,
         )
-    assert mlflow_runs(killed) == mlflow_runs(calm)
-    assert set(mlflow_runs(killed).values()) == {1}
+    runs = mlflow_runs(tmp_path)
+    assert set(runs.values()) == {1}
+    assert Counter(kind for kind, _ in runs) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
 
 
 @pytest.mark.slow  # tests/faults/test_remote.py does the same on an object store

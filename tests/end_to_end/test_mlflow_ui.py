@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import socket
 import subprocess
@@ -26,7 +27,10 @@ from orchestrator.tracking.uri import tracking_uri
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium to open the pages with")
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium to open the pages with"),
+]
 
 OWN_NOISE = "/ajax-api/2.0/mlflow/users/current"
 """MLflow's UI asks who is logged in; a server without accounts answers 404, which the browser calls an error."""
@@ -57,33 +61,40 @@ def server(sweep: Results) -> Iterator[str]:
     address = f"http://127.0.0.1:{port}"
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
-            _wait(f"{address}/health", process)
+            _wait(address, process)
             yield address
         finally:
             process.terminate()
             process.wait()
-    time.sleep(1)
+    deadline = time.monotonic() + 10
+    while answers(address) and time.monotonic() < deadline:
+        time.sleep(0.05)
     with pytest.raises(OSError, match="refused"):
         urllib.request.urlopen(f"{address}/health", timeout=5)
 
 
+def answers(address: str) -> bool:
+    with contextlib.suppress(OSError):
+        urllib.request.urlopen(f"{address}/health", timeout=5).close()
+        return True
+    return False
+
+
 def _wait(address: str, process: subprocess.Popen[bytes]) -> None:
     deadline = time.monotonic() + PATIENCE / 1000
-    while time.monotonic() < deadline:
+    while not answers(address):
         assert process.poll() is None
-        try:
-            urllib.request.urlopen(address, timeout=5).close()
-            return
-        except OSError:
-            time.sleep(0.2)
-    raise TimeoutError(address)
+        if time.monotonic() > deadline:
+            raise TimeoutError(address)
+        time.sleep(0.2)
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with playwright.sync_playwright() as driver:
         chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
+        context = chromium.new_context(viewport={"width": 1600, "height": 900})
+        yield context  # whose pages share what they have loaded
         chromium.close()
 
 
@@ -91,7 +102,7 @@ class Page:
     """A page of the UI that remembers what the browser complained of."""
 
     def __init__(self, browser: Any, server: str) -> None:
-        self.page = browser.new_page(viewport={"width": 1600, "height": 900})
+        self.page = browser.new_page()
         self.page.set_default_timeout(PATIENCE)
         self._server = server
         self.errors: list[str] = []

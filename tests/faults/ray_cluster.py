@@ -19,6 +19,7 @@ START_SECONDS = 240.0
 TOKEN = os.environ | {
     "RAY_AUTH_MODE": "token",
     "RAY_AUTH_TOKEN": secrets.token_hex(32),
+    "RAY_health_check_period_ms": "500",  # a node that fails five of these checks is dead
     "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
 }
 """The environment of the cluster, whose `python` runs its jobs, and of those who may join it."""
@@ -45,6 +46,11 @@ class Cluster:
 
     def add_node(self, within: Sequence[str] = ()) -> subprocess.Popen[bytes]:
         return self._start("--address", self.address, "--num-cpus", "1", within=within)
+
+    def grow(self, nodes: int, within: Sequence[str] = ()) -> None:
+        """Have at least so many nodes; new ones are started by the words `within`."""
+        while len(self.nodes) < nodes:
+            self.nodes.append(self.add_node(within))
 
     def remove(self, node: subprocess.Popen[bytes]) -> None:
         """As if the machine were switched off."""

@@ -1,12 +1,15 @@
-"""A Ray cluster of three nodes on this machine: joined, sent a job, and robbed of a node and of its head."""
+"""A Ray cluster of three nodes on this machine: joined, sent a job, and robbed of a node and of its head.
+
+The tests share it: each gets a head and two nodes, and what one takes away the next is given anew. The head goes last.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import os
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +22,7 @@ from harness import PATIENCE, assert_same, driver, ended, space, sweep, wait_for
 from orchestrator.cluster import jobs
 from orchestrator.results.lock import driver as driver_of
 from orchestrator.results.sweep_folder import Results
+from tests.deltatune.cli.in_process import command
 from tests.faults.ray_cluster import TOKEN, Cluster
 
 pytestmark = pytest.mark.cluster
@@ -26,22 +30,14 @@ pytest.importorskip("ray.dashboard.optional_deps", reason="needs ray[default]")
 pytest.importorskip("aiohttp_cors", reason="needs ray[default]")
 
 
-@contextlib.contextmanager
-def running(nodes: int) -> Iterator[Cluster]:
-    import tempfile
-
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Cluster]:
     with tempfile.TemporaryDirectory(prefix="dt-", dir="/tmp", ignore_cleanup_errors=True) as folder:
-        there = Cluster(Path(folder) / "ray", nodes)
+        there = Cluster(Path(folder) / "ray", nodes=1)
         try:
             yield there
         finally:
             there.close()
-
-
-@pytest.fixture
-def cluster() -> Iterator[Cluster]:
-    with running(nodes=2) as there:
-        yield there
 
 
 def submit(cluster: Cluster, file: Path, storage: Path, **changes: Any) -> subprocess.CompletedProcess[str]:
@@ -62,52 +58,6 @@ def with_a_disk_of_its_own(folder: Path) -> list[str]:
     except (OSError, subprocess.CalledProcessError):
         pytest.skip("this machine gives no process a disk of its own")
     return words
-
-
-def test_a_joined_sweep_survives_the_loss_of_a_node_and_is_told_of_its_heads(
-    calm: Path, tmp_path: Path, cluster: Cluster
-) -> None:
-    words = ("--no-mlflow", "--address", cluster.address)
-    with driver(tmp_path, *words, env=TOKEN, **LONGER) as process:
-        wait_for(ended(tmp_path, 5), process)
-        cluster.remove(cluster.nodes.pop())
-        out, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, err
-    assert "a worker was lost: " in out
-    assert_same(tmp_path, calm)
-
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    code = "from orchestrator.cluster import connection; connection.HEAD_PATIENCE = 3.0; "
-    code += "from deltatune.cli.main import main; main()"
-    with driver(gone, *words, python=("-c", code), env=TOKEN, **LONGER) as process:
-        wait_for(ended(gone, 3), process)
-        cluster.remove(cluster.head)
-        _, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1
-    assert "error: the head of the Ray cluster at " in err
-    assert f":{cluster.port} is gone; finished cells are kept, the same command continues" in err
-    there = len(Results.open(gone, "small").heads())
-    _, tally = sweep(gone, **LONGER)
-    assert tally.reused == there >= 3
-    assert_same(gone, calm)
-
-
-def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
-    shell = submit(cluster, tmp_path / "space.yaml", tmp_path, **LONGER)
-    assert shell.returncode == 0, shell.stderr
-    assert "runs the sweep small" in shell.stdout
-    wait_for(ended(tmp_path, 5))
-    assert "process " in str(driver_of(tmp_path / "small"))
-    cluster.remove(cluster.nodes.pop())
-    watch = [sys.executable, "-m", "deltatune.cli.main", "watch", "small", "--storage", str(tmp_path)]
-    said = subprocess.run(watch, capture_output=True, text=True, timeout=PATIENCE)
-    assert said.returncode == 0, said.stderr
-    assert said.stdout.strip().endswith("small: 32 cells done, 0 failed")
-    assert_same(tmp_path, calm)
-    log = subprocess.run([*watch[:3], "logs", *watch[4:]], capture_output=True, text=True, timeout=PATIENCE).stdout
-    assert "transfer: 28 cells to run" in log
-    assert "a worker was lost: " in log
 
 
 def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> None:
@@ -131,22 +81,57 @@ def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> N
     assert not any(path.exists() for path in head.files.values()), "what was sent is cleaned up"
 
 
-def test_a_storage_that_another_node_does_not_see_is_refused_at_submit_and_gets_no_checkpoints_when_joined(
-    finished: Path, tmp_path: Path
+def test_a_joined_sweep_survives_a_node_and_keeps_no_checkpoints_in_a_folder_that_another_node_does_not_see(
+    calm: Path, tmp_path: Path, cluster: Cluster
 ) -> None:
     storage = tmp_path / "storage"
     storage.mkdir()
-    blinded = with_a_disk_of_its_own(storage)
-    with running(nodes=0) as cluster:
-        cluster.nodes.append(cluster.add_node(within=blinded))
-        shell = submit(cluster, tmp_path / "space.yaml", storage)
-        assert (shell.returncode, shell.stdout) == (2, "")
-        blind = socket.gethostname()
-        assert shell.stderr.startswith(f"error: {storage} is not one folder for all nodes ({blind} cannot see")
-        assert len(shell.stderr.splitlines()) == 1
-        assert not any(storage.iterdir()), "nothing has begun"
-        with driver(storage, "--no-mlflow", "--address", cluster.address, env=TOKEN) as process:
-            out, err = process.communicate(timeout=PATIENCE)
+    cluster.grow(2, within=with_a_disk_of_its_own(storage))
+    shell = submit(cluster, tmp_path / "space.yaml", storage)
+    assert (shell.returncode, shell.stdout) == (2, "")
+    blind = socket.gethostname()
+    assert shell.stderr.startswith(f"error: {storage} is not one folder for all nodes ({blind} cannot see")
+    assert len(shell.stderr.splitlines()) == 1
+    assert not any(storage.iterdir()), "nothing has begun"
+    with driver(storage, "--no-mlflow", "--address", cluster.address, env=TOKEN, **LONGER) as process:
+        wait_for(ended(storage, 5), process)
+        cluster.remove(cluster.nodes.pop())
+        out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, err
     assert f"no checkpoints: {blind} cannot see" in out
-    assert_same(storage, finished)
+    assert "a worker was lost: " in out
+    assert_same(storage, calm)
+
+
+def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
+    cluster.grow(2)
+    shell = submit(cluster, tmp_path / "space.yaml", tmp_path, **LONGER)
+    assert shell.returncode == 0, shell.stderr
+    assert "runs the sweep small" in shell.stdout
+    wait_for(ended(tmp_path, 5))
+    assert "process " in str(driver_of(tmp_path / "small"))
+    cluster.remove(cluster.nodes.pop())
+    code, said, err = command("watch", "small", "--storage", str(tmp_path))
+    assert code == 0, err
+    assert said.strip().endswith("small: 32 cells done, 0 failed")
+    assert_same(tmp_path, calm)
+    _, log, _ = command("logs", "small", "--storage", str(tmp_path))
+    assert "transfer: 28 cells to run" in log
+    assert "a worker was lost: " in log
+
+
+def test_a_joined_sweep_is_told_of_the_loss_of_its_head(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
+    code = "from orchestrator.cluster import connection; connection.HEAD_PATIENCE = 3.0; "
+    code += "from deltatune.cli.main import main; main()"
+    words = ("--no-mlflow", "--address", cluster.address)
+    with driver(tmp_path, *words, python=("-c", code), env=TOKEN, **LONGER) as process:
+        wait_for(ended(tmp_path, 3), process)
+        cluster.remove(cluster.head)
+        _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert "error: the head of the Ray cluster at " in err
+    assert f":{cluster.port} is gone; finished cells are kept, the same command continues" in err
+    there = len(Results.open(tmp_path, "small").heads())
+    _, tally = sweep(tmp_path, **LONGER)
+    assert tally.reused == there >= 3
+    assert_same(tmp_path, calm)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
 from conftest import DEEP, LONGER
-from harness import assert_same, driver, ended, sweep, wait_for
+from harness import PATIENCE, assert_same, driver, ended, on_start, sweep, wait_for
 
+from orchestrator.execution import interrupt
+from orchestrator.execution.settings import Settings
+from orchestrator.execution.work_queue import Pack
 from orchestrator.results.sweep_folder import Results
 from trainables.storage import checkpoint
 
@@ -63,19 +68,34 @@ def running(storage: Path) -> bool:
     return snapshot is not None and snapshot.share > 0
 
 
-WORKERS = [
-    pytest.param((), id="ray", marks=pytest.mark.ray),
-    pytest.param(("--local", "--workers", "2"), id="processes"),
-]
+SLOW = {"hyperparameters": {"episodes": [10**6], "evaluate_every": [10**6]}}
 
 
-@pytest.mark.parametrize("words", WORKERS)
-def test_a_second_ctrl_c_does_not_wait(tmp_path: Path, words: tuple[str, ...]) -> None:
-    slow = {"hyperparameters": {"episodes": [10**6], "evaluate_every": [10**6]}}
-    with driver(tmp_path, "--no-mlflow", *words, **slow) as process:
+def test_a_second_ctrl_c_does_not_wait(tmp_path: Path) -> None:
+    with driver(tmp_path, "--no-mlflow", "--local", "--workers", "2", **SLOW) as process:
         wait_for(lambda: "a worker has started" in log(tmp_path), process)
         process.send_signal(signal.SIGINT)
         wait_for(lambda: "stopping: running cells" in log(tmp_path), process)
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
     assert process.returncode == 130
+
+
+def test_a_second_ctrl_c_does_not_wait_for_ray(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ray_session: None
+) -> None:
+    workers, asked = list[int](), list[float]()
+    monkeypatch.setattr(interrupt, "GRACE_SECONDS", PATIENCE)
+
+    def twice(pack: Pack, pid: int) -> None:
+        workers.append(pid)
+        asked.append(time.monotonic())
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    on_start(monkeypatch, twice)
+    _, tally = sweep(tmp_path, Settings(), **SLOW)
+    assert tally.ran == 0
+    assert tally.left > 0
+    assert time.monotonic() - asked[-1] < PATIENCE / 4
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 import requests
-from conftest import CELLS, LOCAL
-from harness import PATIENCE, assert_same, driver
+import yaml
+from conftest import CELLS, GROUPS, LOCAL, SPACE
+from harness import assert_same
 from mlflow.tracking import MlflowClient
 
 from benchmarks.tracking.server import TrackingServer
@@ -24,6 +25,7 @@ from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking import tracker
 from orchestrator.tracking.sync import sync
 from orchestrator.tracking.tracker import Tracker
+from tests.deltatune.cli.in_process import command
 from trainables.cell import content_id
 
 
@@ -54,12 +56,11 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tracker, "FIRST_PAUSE", 0.2)
 
 
-ALL = {"cell": CELLS, "aggregate": 2 + 2 * (1 + 2 + 4), "sweep": 1}
+ALL = {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
 
 
 def tracked(storage: Path, uri: str, harm: Callable[[int], None] = lambda cells: None) -> tuple[Results, Tracker]:
     """A sweep that is tracked, with something done to MLflow after each cell."""
-    from conftest import SPACE
     from rich.console import Console
 
     from orchestrator.execution.sweep import run
@@ -77,6 +78,40 @@ def tracked(storage: Path, uri: str, harm: Callable[[int], None] = lambda cells:
 
     assert run(results, LOCAL, Console(quiet=True), told).failed == 0
     return results, follower
+
+
+@contextlib.contextmanager
+def proxy(server: TrackingServer, secret: str = "") -> Iterator[str]:
+    """The address of a proxy to the server, until the end of the context; with a secret, for those who know it."""
+    ticket = f"Basic {base64.b64encode(f'ada:{secret}'.encode()).decode()}"
+
+    class Gate(http.server.BaseHTTPRequestHandler):
+        def answer(self) -> None:
+            body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
+            if secret and self.headers.get("Authorization") != ticket:
+                return self.reply(401, b"Who are you?")
+            passed = {"Content-Type": self.headers.get("Content-Type", "")}
+            answer = requests.request(self.command, server.uri + self.path, data=body, headers=passed, timeout=60)
+            return self.reply(answer.status_code, answer.content)
+
+        def __getattr__(self, name: str) -> Callable[[], None]:
+            if name.startswith("do_"):
+                return self.answer
+            raise AttributeError(name)
+
+        def reply(self, status: int, body: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            """Not a word."""
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Gate) as door:
+        threading.Thread(target=door.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{door.server_port}"
+        door.shutdown()
 
 
 def test_a_server_that_is_killed_and_comes_back_has_everything(
@@ -98,10 +133,11 @@ def test_a_server_that_is_killed_and_comes_back_has_everything(
 def test_a_server_that_is_gone_for_the_rest_of_the_sweep_is_made_good_for_by_sync(
     server: TrackingServer, tmp_path: Path
 ) -> None:
-    results, follower = tracked(tmp_path, server.uri, lambda cells: server.kill() if cells == 10 else None)
-    assert follower.finish(find(results), []) is None
-    assert follower.error is not None
-    server.start()
+    with contextlib.ExitStack() as connection:
+        uri = connection.enter_context(proxy(server))
+        results, follower = tracked(tmp_path, uri, lambda cells: connection.close() if cells == 10 else None)
+        assert follower.finish(find(results), []) is None
+        assert follower.error is not None
     for _ in range(2):
         sync(find(results), server.uri, [])
         assert kinds(server, results) == ALL
@@ -138,55 +174,22 @@ def test_a_queue_that_is_full_is_caught_up_with_at_the_end(
 SECRET = "Tr0ub4dor-and-3"
 
 
-@contextlib.contextmanager
-def gate(server: TrackingServer) -> Iterator[str]:
-    """The address of a proxy that lets nobody without SECRET to the server."""
-    ticket = base64.b64encode(f"ada:{SECRET}".encode()).decode()
-
-    class Gate(http.server.BaseHTTPRequestHandler):
-        def answer(self) -> None:
-            body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
-            if self.headers.get("Authorization") != f"Basic {ticket}":
-                return self.reply(401, b"Who are you?")
-            passed = {"Content-Type": self.headers.get("Content-Type", "")}
-            answer = requests.request(self.command, server.uri + self.path, data=body, headers=passed, timeout=60)
-            return self.reply(answer.status_code, answer.content)
-
-        def __getattr__(self, name: str) -> Callable[[], None]:
-            if name.startswith("do_"):
-                return self.answer
-            raise AttributeError(name)
-
-        def reply(self, status: int, body: bytes) -> None:
-            self.send_response(status)
-            self.send_header("Content-Length", str(len(body)))
-            self.end_headers()
-            self.wfile.write(body)
-
-        def log_message(self, *_: object) -> None:
-            """Not a word."""
-
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Gate) as proxy:
-        threading.Thread(target=proxy.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{proxy.server_port}"
-        proxy.shutdown()
-
-
 def test_a_password_opens_the_server_and_is_written_nowhere(
     server: TrackingServer, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     storage = tmp_path / "storage"
     storage.mkdir()
+    (file := tmp_path / "space.yaml").write_text(yaml.safe_dump(SPACE))
     monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "ada")
-    with gate(server) as uri:
+    with proxy(server, SECRET) as uri:
         monkeypatch.setenv("MLFLOW_TRACKING_PASSWORD", SECRET)
-        with driver(storage, "--local", "--tracking-uri", uri, "--agents", "q_learning") as process:
-            out, err = process.communicate(timeout=PATIENCE)
+        words = ["--local", "--workers", "1", "--tracking-uri", uri, "--agents", "q_learning"]
+        code, out, err = command("sweep", str(file), "--storage", str(storage), *words)
         monkeypatch.setenv("MLFLOW_TRACKING_PASSWORD", f"not-{SECRET}")
         results = Results.open(storage, "small")
         stranger = Tracker(results, uri)
         assert stranger.finish(find(results), []) is None
-    assert process.returncode == 0, err
+    assert code == 0, err
     assert "MLflow is incomplete" not in out
     assert kinds(server, results)["cell"] == len(results.heads()) > 0
     assert "Who are you?" in str(stranger.error)

@@ -14,11 +14,12 @@ from pathlib import Path
 import pytest
 import yaml
 from conftest import DEEP, timeless
-from harness import PATIENCE, points, space, wait_for
+from harness import points, space, wait_for
 
 from orchestrator.results import lock
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.uri import tracking_uri
+from tests.deltatune.cli.in_process import command
 from trainables.errors import InputError
 from trainables.storage.paths import storage_path
 
@@ -44,35 +45,29 @@ def bucket() -> Iterator[str]:
     server.stop()
 
 
-def command(folder: Path, storage: str) -> list[str]:
-    (folder / "space.yaml").write_text(yaml.safe_dump(space(**DEEP), sort_keys=False))
-    words = ["sweep", str(folder / "space.yaml"), "--storage", storage, "--no-mlflow", "--local", "--workers", "2"]
-    words += ["--checkpoint-every", "0"]
-    return [sys.executable, "-m", "deltatune.cli.main", *words]
-
-
 def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
     bucket: str, calm_deep: Path, tmp_path: Path
 ) -> None:
-    storage = storage_path(bucket)
-    words = command(tmp_path, bucket)
-    with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
+    storage, file = storage_path(bucket), tmp_path / "space.yaml"
+    file.write_text(yaml.safe_dump(space(**DEEP), sort_keys=False))
+    words = ["sweep", str(file), "--storage", bucket, "--no-mlflow", "--local", "--checkpoint-every", "0"]
+    program = [sys.executable, "-m", "deltatune.cli.main", *words, "--workers", "2"]
+    with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
         wait_for(lambda: bool(list((storage / "small" / "checkpoints").glob("*.checkpoint"))))
         driver.send_signal(signal.SIGSTOP)  # so that it is not done by the time that the other one has started
         assert f"process {driver.pid}" in str(lock.driver(storage / "small"))
-        refused = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, env=os.environ)
-        assert refused.returncode == 2
-        assert f"is being run by process {driver.pid}" in refused.stderr
+        code, _, err = command(*words, "--workers", "2")
+        assert code == 2
+        assert f"is being run by process {driver.pid}" in err
         os.kill(driver.pid, signal.SIGKILL)
-    again = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
-    assert again.returncode == 0, again.stderr
+    code, _, err = command(*words, "--workers", "1")
+    assert code == 0, err
     results = Results.open(storage, "small")
     assert timeless(results.tables()[1]).equals(points(calm_deep))
     names = {path.name for path in (storage / "small").iterdir()}
     assert {"plan.json", "points.parquet", "table.csv", "report.html", "figures", "best.yaml", "driver.log"} <= names
     assert not list((storage / "small" / "checkpoints").glob("*.checkpoint"))
-    status = [sys.executable, "-m", "deltatune.cli.main", "status", "small", "--storage", bucket, "--json"]
-    told = json.loads(subprocess.run(status, capture_output=True, check=True, text=True).stdout)
+    told = json.loads(command("status", "small", "--storage", bucket, "--json")[1])
     assert told["stages"]["transfer"]["missing"] == 0
 
 

@@ -9,7 +9,6 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import pytest
 import yaml
 from conftest import CELLS, timeless
 from harness import PATIENCE, space
@@ -17,8 +16,6 @@ from mlflow.tracking import MlflowClient
 
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
-
-pytestmark = pytest.mark.server
 
 LOCKED_SECONDS = 3.0
 """For which another process holds the database for itself."""

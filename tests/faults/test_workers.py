@@ -23,22 +23,39 @@ from trainables.learners.replay_buffer import Replay
 POOL = Settings(local=True, workers=2)
 
 
-@pytest.fixture(params=[pytest.param(Settings(), id="ray", marks=pytest.mark.ray), pytest.param(POOL, id="processes")])
-def settings(request: pytest.FixtureRequest) -> Settings:
-    """Those of a sweep on Ray, and of one in processes beside this one."""
-    if not request.param.local:
-        request.getfixturevalue("ray_session")
-    return request.param
-
-
 def victim(storage: Path) -> Cell:
     """A cell of the middle of the transfer stage."""
     return Results.open(storage, "small").plan()["transfer"][5]
 
 
-def test_a_killed_worker_costs_nothing(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: Settings
+def test_ray_survives_a_lost_worker_a_cell_that_kills_its_workers_and_one_that_hangs(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ray_session: None
 ) -> None:
+    plan = Results.open(finished, "small").plan()["transfer"]
+    deadly, hanging, killed = plan[5], plan[11], list[int]()
+
+    def harm(pack: Pack, pid: int) -> None:
+        if not killed or deadly in pack.cells:
+            killed.append(pid)
+            os.kill(pid, signal.SIGKILL)
+        elif hanging in pack.cells:
+            os.kill(pid, signal.SIGSTOP)
+
+    with monkeypatch.context() as patch:
+        on_start(patch, harm)
+        results, tally = sweep(tmp_path, Settings(time_limit=8))
+    assert (tally.ran, tally.failed) == (CELLS, 2)
+    assert len(killed) == 1 + work_queue.MAX_WORKER_LOSSES
+    errors = {cell: str(head.error) for cell, head in results.heads().items() if head.status == "failed"}
+    assert set(errors) == {deadly.id, hanging.id}
+    assert errors[deadly.id].startswith(f"its worker was lost {work_queue.MAX_WORKER_LOSSES} times, at last: ")
+    assert errors[hanging.id] == "it took longer than its time limit of 8 s"
+    _, tally = sweep(tmp_path, Settings(retry_failed=True))
+    assert (tally.ran, tally.failed) == (2, 0)
+    assert_same(tmp_path, finished)
+
+
+def test_a_killed_worker_costs_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     killed: list[int] = []
 
     def kill_first(pack: Pack, pid: int) -> None:
@@ -47,14 +64,14 @@ def test_a_killed_worker_costs_nothing(
             os.kill(pid, signal.SIGKILL)
 
     on_start(monkeypatch, kill_first)
-    _, tally = sweep(tmp_path, settings)
+    _, tally = sweep(tmp_path, POOL)
     assert killed
     assert (tally.ran, tally.failed) == (CELLS, 0)
     assert_same(tmp_path, finished)
 
 
 def test_a_cell_that_kills_its_workers_fails_alone_and_can_be_tried_again(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: Settings
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bad = victim(finished)
 
@@ -64,20 +81,20 @@ def test_a_cell_that_kills_its_workers_fails_alone_and_can_be_tried_again(
 
     with monkeypatch.context() as patch:
         on_start(patch, kill)
-        results, tally = sweep(tmp_path, settings)
+        results, tally = sweep(tmp_path, POOL)
     assert (tally.ran, tally.failed) == (CELLS, 1)
     head = results.heads()[bad.id]
     assert head.status == "failed"
     assert str(head.error).startswith(f"its worker was lost {work_queue.MAX_WORKER_LOSSES} times, at last: ")
-    _, tally = sweep(tmp_path, settings)
+    _, tally = sweep(tmp_path, POOL)
     assert tally.ran == 0
-    _, tally = sweep(tmp_path, replace(settings, retry_failed=True))
+    _, tally = sweep(tmp_path, replace(POOL, retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
     assert_same(tmp_path, finished)
 
 
 def test_a_cell_that_hangs_is_ended_at_its_time_limit_and_the_rest_of_its_pack_runs(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: Settings
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bad = victim(finished)
 
@@ -87,20 +104,20 @@ def test_a_cell_that_hangs_is_ended_at_its_time_limit_and_the_rest_of_its_pack_r
 
     with monkeypatch.context() as patch:
         on_start(patch, stop)
-        results, tally = sweep(tmp_path, replace(settings, time_limit=8))
+        results, tally = sweep(tmp_path, replace(POOL, time_limit=8))
     assert (tally.ran, tally.failed) == (CELLS, 1)
     assert results.heads()[bad.id].error == "it took longer than its time limit of 8 s"
-    _, tally = sweep(tmp_path, replace(settings, retry_failed=True))
+    _, tally = sweep(tmp_path, replace(POOL, retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
     assert_same(tmp_path, finished)
 
 
-def test_a_cell_that_is_too_slow_fails_at_its_time_limit(tmp_path: Path, settings: Settings) -> None:
+def test_a_cell_that_is_too_slow_fails_at_its_time_limit(tmp_path: Path) -> None:
     slow = {"episodes": [10**7], "evaluate_every": [10**7]}
     _, tally = sweep(
-        tmp_path, replace(settings, time_limit=1), agents={"q_learning": {}}, hyperparameters=slow, **EXACT
+        tmp_path, replace(POOL, time_limit=1), seeds=1, agents={"q_learning": {}}, hyperparameters=slow, **EXACT
     )
-    assert (tally.ran, tally.failed) == (4, 4)
+    assert (tally.ran, tally.failed) == (2, 2)
 
 
 EXACT = {

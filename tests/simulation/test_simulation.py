@@ -10,16 +10,18 @@ from tests.simulation import crash_points
 from tests.simulation.mutants import MUTANTS, Mutant
 from tests.simulation.simulate import SHARES, simulate
 
-SEEDS = 1000
+SEEDS = [range(start, start + 250) for start in range(0, 1000, 250)]
+"""A thousand, in parts that run beside each other."""
 
 
-def test_a_thousand_seeds_break_no_promise() -> None:
+@pytest.mark.parametrize("seeds", SEEDS, ids=lambda seeds: f"{seeds.start}-{seeds.stop - 1}")
+def test_a_thousand_seeds_break_no_promise(seeds: range) -> None:
     injected: Counter[str] = Counter()
-    for seed in range(SEEDS):
+    for seed in seeds:
         run = simulate(seed)
         assert run.violations == [], f"python -m tests.simulation --seed {seed}"
         injected += run.injected
-    assert {fault for fault in SHARES if injected[fault] < 5} == set(), "a fault that never strikes tests nothing"
+    assert set(SHARES) <= set(injected), "a fault that never strikes tests nothing"
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.what)

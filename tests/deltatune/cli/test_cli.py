@@ -16,6 +16,8 @@ from conftest import CELLS, SPACE
 from deltatune.cli.main import main
 from orchestrator.results.sweep_folder import Results
 
+pytestmark = pytest.mark.usefixtures("quick_mlflow")
+
 
 class Terminal:
     """Runs `deltatune` in this process."""

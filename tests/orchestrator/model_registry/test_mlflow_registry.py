@@ -48,6 +48,8 @@ from trainables.tasks.make import make_env
 from trainables.tasks.registry import model_of, parse_task
 from trainables.tasks.step_env import Environment
 
+pytestmark = pytest.mark.usefixtures("quick_mlflow")
+
 EPISODES = 10
 """Of one greedy evaluation."""
 

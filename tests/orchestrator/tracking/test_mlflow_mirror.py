@@ -11,14 +11,16 @@ from typing import Any
 
 import mlflow
 import pytest
-from conftest import CELLS
+from conftest import CELLS, GROUPS
 from mlflow.entities import Run
 from mlflow.tracking import MlflowClient
+from rich.console import Console
 
 from deltatune.publish import artifacts, publish
 from orchestrator.analysis.findings import find
 from orchestrator.analysis.labels import group_name
 from orchestrator.errors import LeaseLostError, SweepError
+from orchestrator.execution import sweep as sweeps
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow import fields
 from orchestrator.tracking.mlflow.mirror import Mirror
@@ -26,9 +28,10 @@ from orchestrator.tracking.mlflow.views import LEADERBOARD
 from orchestrator.tracking.sync import sync, sync_now
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.uri import tracking_uri
+from tests.orchestrator.local_sweeps import LOCAL, space
 from trainables.errors import InputError
 
-GROUPS = 2 + 2 * (1 + 2 + 4)
+pytestmark = pytest.mark.usefixtures("quick_mlflow")
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +43,19 @@ def mirrored(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Result
     publish(results)
     sync(find(results), tracking_uri(storage, None), artifacts(results))
     return results
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """A sweep of 8 cells, where any will do: each is a run that takes MLflow a tenth of a second to write."""
+    storage = tmp_path_factory.mktemp("few")
+    results = Results.create(storage, "small", space(agents={"q_learning": {}, "policy_reuse": {}}))
+    assert sweeps.run(results, LOCAL, Console(quiet=True)).ran == 8
+    results.write_tables()
+    return results
+
+
+FEW = {"cell": 8, "aggregate": 8, "sweep": 1}
 
 
 def client(results: Results) -> MlflowClient:
@@ -156,9 +172,9 @@ def test_a_run_that_was_cut_off_is_made_whole_without_double_points(mirrored: Re
 
 
 def test_a_run_that_was_cut_off_before_its_figures_is_no_run_that_is_there(
-    mirrored: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    few: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    results, store = mirrored, f"sqlite:///{tmp_path}/mlflow.db"
+    results, store = few, f"sqlite:///{tmp_path}/mlflow.db"
 
     def dies(*_: Any, **__: Any) -> None:
         raise OSError("gone")
@@ -199,19 +215,18 @@ def test_a_tracker_with_a_dead_store_never_harms_the_sweep(finished: Path, tmp_p
         sync_now(find(results), "sqlite:////dev/null/no/mlflow.db", [])
 
 
-def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(finished: Path, tmp_path: Path) -> None:
-    shutil.copytree(finished, tmp_path / "told")
-    results = Results.open(tmp_path / "told", "small")
+def test_a_tracker_writes_what_it_is_told_and_the_rest_at_the_end(few: Results, tmp_path: Path) -> None:
+    results = _copy(few, tmp_path)
     tracker = Tracker(results, tracking_uri(results.storage, None))
     for stage, _, record in list(results.records())[:3]:
         assert record is not None
         tracker.record(stage, record)
     assert tracker.finish(find(results), []) is not None
-    assert kinds(results) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
+    assert kinds(results) == FEW
 
 
 def test_a_cell_is_put_below_its_aggregate_at_once(
-    mirrored: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    few: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store, moved = f"sqlite:///{tmp_path}/mlflow.db", list[tuple[Any, ...]]()
     plain = MlflowClient.set_tag
@@ -221,13 +236,13 @@ def test_a_cell_is_put_below_its_aggregate_at_once(
         plain(client, *words, **more)
 
     monkeypatch.setattr(MlflowClient, "set_tag", noted)
-    sync(find(mirrored), store, [])
+    sync(find(few), store, [])
     assert not [words for words in moved if words[1] in ("mlflow.parentRunId", "of_group")]
     client = MlflowClient(store)
     experiment = client.get_experiment_by_name("deltatune/tests")
     assert experiment is not None
     found = client.search_runs([experiment.experiment_id], max_results=1000)
-    groups = {group.id: group_name(group) for group in find(mirrored).groups}
+    groups = {group.id: group_name(group) for group in find(few).groups}
     below = {run.info.run_id: run for run in found if run.data.tags["kind"] == "aggregate"}
     assert {run.data.tags["group"]: run.info.run_name for run in below.values()} == groups
     for run in found:
@@ -236,11 +251,11 @@ def test_a_cell_is_put_below_its_aggregate_at_once(
             assert above.data.tags["group"] in run.data.tags["of_group"].split(", ")
 
 
-def test_an_aggregate_of_a_sweep_that_was_stopped_is_not_left_running(mirrored: Results, tmp_path: Path) -> None:
+def test_an_aggregate_of_a_sweep_that_was_stopped_is_not_left_running(few: Results, tmp_path: Path) -> None:
     uri = f"sqlite:///{tmp_path}/mlflow.db"
-    tracker = Tracker(mirrored, uri)
+    tracker = Tracker(few, uri)
     backend = tracker._connected()
-    stage, _, record = next(mirrored.records())
+    stage, _, record = next(few.records())
     assert record is not None
     backend.write_cell(stage, record.head, lambda: record)
     tracker._backend = backend
@@ -254,9 +269,9 @@ def test_an_aggregate_of_a_sweep_that_was_stopped_is_not_left_running(mirrored: 
         "aggregate": "KILLED",
         "sweep": "KILLED",
     }
-    sync(find(mirrored), uri, [])
+    sync(find(few), uri, [])
     kinds = Counter(run.data.tags["kind"] for run in client.search_runs([experiment.experiment_id], max_results=1000))
-    assert kinds == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
+    assert kinds == FEW
 
 
 def test_who_has_lost_the_writing_to_another_makes_no_request(mirrored: Results, tmp_path: Path) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sqlalchemy
 from mlflow.store.db import utils
 
 from orchestrator.errors import SweepError
+from orchestrator.tracking.mlflow import store
 from orchestrator.tracking.mlflow.store import PREFIX, connect, make
 from orchestrator.tracking.uri import local_database
 
@@ -54,6 +56,22 @@ def test_a_database_is_made_once_and_opens(tmp_path: Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
         assert database.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     assert not list(path.parent.glob(f"{PREFIX}*"))
+
+
+def test_no_connection_is_left_open_to_a_new_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[sqlite3.Connection] = []
+    connect = sqlite3.connect
+
+    def noted(*words: Any, **more: Any) -> sqlite3.Connection:
+        opened.append(connect(*words, **more))
+        return opened[-1]
+
+    monkeypatch.setattr(store.sqlite3, "connect", noted)
+    make(tmp_path / "mlflow.db")
+    assert opened
+    for connection in opened:
+        with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+            connection.execute("SELECT 1")
 
 
 def test_a_half_made_database_is_refused_with_what_mends_it(tmp_path: Path) -> None:
