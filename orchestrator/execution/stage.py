@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
+import itertools
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from rich.console import Console
 from orchestrator.errors import InterruptedSweepError, SweepError
 from orchestrator.execution.display import Display
 from orchestrator.execution.executors.early_stopping import EarlyStopping
-from orchestrator.execution.executors.executor import Executor, Workplace, executor
+from orchestrator.execution.executors.executor import Executor, StageRun, Workplace, executor
 from orchestrator.execution.executors.monitor import OutcomeSink, StageMonitor
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
@@ -44,6 +45,8 @@ class Work:
     """Whether each cell's knowledge is to be kept."""
     whole: bool = False
     """Whether every cell is trained to its end, whatever scheduler there is."""
+    followed: bool = False
+    """Whether another stage may follow."""
 
 
 class Stages:
@@ -64,36 +67,53 @@ class Stages:
         self._on_record, self._stack = on_record, stack
         stack.enter_context(logging_to(results.folder))
         self._opened: tuple[Executor, Workplace] | None = None
+        self._sink: OutcomeSink | None = None
+        self._workers: set[tuple[int, str]] = set()
 
-    def run(self, work: Work) -> None:
-        """Run the missing cells. Raises InterruptedSweepError where an interruption leaves some."""
+    def run(self, works: Iterator[Work]) -> None:
+        """Run the missing cells of each stage. Raises InterruptedSweepError where an interruption leaves some.
+
+        works: what each stage has to run; the next one is asked for when the one before has ended.
+        """
+        with closing(self._runs(works)) as runs:
+            if (first := next(runs, None)) is None:
+                return
+            try:
+                self._open()[0].run(itertools.chain([first], runs))
+            except Exception as error:
+                if self._sink is None or self._sink.failure is None:
+                    raise
+                raise SweepError(f"cannot write a record ({self._sink.failure}); all earlier ones are kept") from error
+
+    def _runs(self, works: Iterator[Work]) -> Generator[StageRun, None, None]:
+        """Begin each stage that has something to run, and end it when the next one is asked for."""
         ledger = self._ledger
-        tuned = [arm for arm in work.arms if arm.ranges]
-        searches = [self._search(arm) for arm in tuned]
-        total = len(work.missing) + sum(search.left * search.arm.width for search in searches)
-        if not total:
-            return
-        sources = self._sources([*work.missing, *(cell for arm in tuned for cell in arm.cells(arm.first()))])
-        runner, workplace = self._open()
-        payload = WorkerPayload(
-            sources,
+        for work in works:
+            searches = [self._search(arm) for arm in work.arms if arm.ranges]
+            total = len(work.missing) + sum(search.left * search.arm.width for search in searches)
+            if not total:
+                continue
+            workplace = self._open()[1]
+            payload = self._payload(work, workplace)
+            with Display(self._console, work.stage, total, self._results.folder) as display:
+                self._sink = OutcomeSink(work.stage, ledger, self._summary, display, self._on_record)
+                queue, stopping = self._queue(work, searches, workplace), self._stopping(work)
+                monitor = StageMonitor(queue, self._sink, display, stopping, self._workers)
+                yield StageRun(monitor, payload, work.followed)
+            ledger.plan(work.stage, ledger.planned(work.stage))
+            if any(not ledger.ended(cell, work.keep) for cell in ledger.planned(work.stage)):
+                raise InterruptedSweepError
+
+    def _payload(self, work: Work, workplace: Workplace) -> WorkerPayload:
+        """Return what every worker of a stage needs."""
+        first = [cell for arm in work.arms if arm.ranges for cell in arm.cells(arm.first())]
+        return WorkerPayload(
+            self._sources([*work.missing, *first]),
             work.keep,
             str(workplace.checkpoints) if workplace.checkpoints else None,
             self._settings.checkpoint_seconds,
             loader.packed(),
         )
-        with Display(self._console, work.stage, total, self._results.folder) as display:
-            sink = OutcomeSink(work.stage, ledger, self._summary, display, self._on_record)
-            monitor = StageMonitor(self._queue(work, searches, workplace), sink, display, self._stopping(work))
-            try:
-                runner.run_stage(monitor, payload)
-            except Exception as error:
-                if sink.failure is None:
-                    raise
-                raise SweepError(f"cannot write a record ({sink.failure}); all earlier ones are kept") from error
-        ledger.plan(work.stage, ledger.planned(work.stage))
-        if any(not ledger.ended(cell, work.keep) for cell in ledger.planned(work.stage)):
-            raise InterruptedSweepError
 
     def _search(self, arm: Arm) -> Tuned:
         from orchestrator.planning.search import Tuned

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
 from rich.console import Console
 
 from orchestrator import clock
+from orchestrator.cluster import ending
 from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
@@ -40,7 +41,10 @@ def run(
     """Take a sweep's lock and run its missing cells; see `run_held`. Raises InputError where another driver runs it."""
     with locked(results.folder) as hold:
         results.log.guard(hold)
-        return run_held(results, settings, console, on_record)
+        try:
+            return run_held(results, settings, console, on_record)
+        finally:
+            ending.wait()
 
 
 def run_held(
@@ -81,9 +85,7 @@ class _Sweep:
         """Run all stages, and return how many cells an interruption has left."""
         check_confirmation(self._space, self._settings.pretrained)
         try:
-            choices = self.train_sources()
-            self.transfer(choices)
-            self.confirm(choices)
+            self._stages.run(self._works())
         except InterruptedSweepError:
             return self._left()
         return 0
@@ -109,21 +111,22 @@ class _Sweep:
         searched = sum(self._space.search.budget * arm.width for arm in arms if arm.ranges)
         return searched + sum(not self._ledger.ended(cell) for cell in cells)
 
-    def train_sources(self) -> list[Choices]:
-        """Run stage 1, and return the outcome for each scenario's sources."""
+    def _works(self) -> Iterator[Work]:
+        """Yield what each stage lacks: sources, then transfers, planned once the sources are trained.
+
+        The transfers of a failed source fail with it; the others run.
+        """
         arms, pretrained = source_arms(self._space, self._settings.params), self._settings.pretrained
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
         every = (arm for scenario in arms for arm in scenario.values())
-        self._run(SOURCE, distinct(arm for arm in every if arm.task not in pretrained), keep)
-        choices = settle(arms, pretrained, lambda arm: choose(self._ledger, arm, self._ledger.planned(SOURCE)))
-        return ranked(self._space, choices, self._results)
+        yield self._work(SOURCE, distinct(arm for arm in every if arm.task not in pretrained), keep)
+        chosen = settle(arms, pretrained, lambda arm: choose(self._ledger, arm, self._ledger.planned(SOURCE)))
+        choices = ranked(self._space, chosen, self._results)
+        yield self._work(TRANSFER, transfer_arms(self._space, choices, self._settings.params))
+        yield from self._confirmation(choices)
 
-    def transfer(self, choices: Sequence[Choices]) -> None:
-        """Run stage 2. The transfers of a failed source fail with it; the others run."""
-        self._run(TRANSFER, transfer_arms(self._space, choices, self._settings.params), keep=False)
-
-    def confirm(self, choices: Sequence[Choices]) -> None:
-        """Run what stage 2 has selected on unseen seeds, where the search space asks for it."""
+    def _confirmation(self, choices: Sequence[Choices]) -> Iterator[Work]:
+        """Yield what runs the selected configurations on unseen seeds, where the search space asks for it."""
         space, settings, ledger = self._space, self._settings, self._ledger
         if space.confirm is None:
             ledger.forget(CONFIRMATION)
@@ -131,12 +134,12 @@ class _Sweep:
         from orchestrator.analysis.confirmation import chosen
 
         sources = confirm_source_arms(space, choices, settings.pretrained)
-        self._run(CONFIRM_SOURCE, distinct(arm for by_task in sources for arm in by_task.values()), keep=True)
+        yield self._work(CONFIRM_SOURCE, distinct(arm for by_task in sources for arm in by_task.values()), keep=True)
         unseen = with_unseen(choices, sources, ledger.source_runs)
-        self._run(CONFIRM, confirm_arms(space, unseen, settings.params, chosen(self._results.rows())), keep=False)
+        yield self._work(CONFIRM, confirm_arms(space, unseen, settings.params, chosen(self._results.rows())))
 
-    def _run(self, stage: str, arms: Sequence[Arm], keep: bool) -> None:
-        """Plan a stage and run its missing cells."""
+    def _work(self, stage: str, arms: Sequence[Arm], keep: bool = False) -> Work:
+        """Plan a stage, and return what it lacks."""
         ledger, search = self._ledger, self._space.search
         arms = [_drawn(arm, self._space) if arm.ranges and search.method == "random" else arm for arm in arms]
         lost = {cell.id: (cell, arm.lost) for arm in arms if arm.lost for cell in arm.some_cells()}
@@ -149,9 +152,8 @@ class _Sweep:
         lost = {key: lost[key] for key in lost.keys() - {cell.id for cell in (*grids, *searched)}}
         self._stages.lose(stage, [(cell, why) for cell, why in lost.values() if not ledger.ended(cell)])
         missing = [cell for cell in cells if not ledger.ended(cell, keep)]
-        work = Work(stage, sound, missing, keep, whole=stage in CONFIRMATION)
-        if work.missing or tuned:
-            self._stages.run(work)
+        last = stage == (CONFIRM if self._space.confirm else TRANSFER)
+        return Work(stage, sound, missing, keep, whole=stage in CONFIRMATION, followed=not last)
 
 
 def _untrained(arm: Arm) -> SourceChoice:

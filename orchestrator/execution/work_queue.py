@@ -115,8 +115,11 @@ class WorkQueue:
 
     def over(self) -> bool:
         """Return whether no more packs will come."""
-        nothing = not self.cells and not self.packs and not any(tuned.left for tuned in self.tuned)
-        return not self.running and (self.stopping or nothing)
+        return not self.running and (self.stopping or self.drained())
+
+    def drained(self) -> bool:
+        """Return whether all packs are handed out; one whose worker is lost may come back."""
+        return not self.cells and not self.packs and not any(tuned.left for tuned in self.tuned)
 
     def on_started(self, trial: str, pid: int, node: str) -> None:
         """Note that a pack's worker has started its first cell; ignored if the pack was given up before the report."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from orchestrator.execution.executors.executor import Workplace
+from orchestrator.execution.executors.executor import StageRun, Workplace
 from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.work_queue import Pack
@@ -63,7 +64,11 @@ class Workers:
     def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
         return Workplace(WORKERS, WORKERS, make_folder(checkpoints))
 
-    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
+    def run(self, stages: Iterator[StageRun]) -> None:
+        for stage in stages:
+            self._run(stage.monitor, stage.payload)
+
+    def _run(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
         """Hand out, and tell what comes of it in the order of virtual time."""
         world, queue = self.world, monitor.queue
         driver = world.driver

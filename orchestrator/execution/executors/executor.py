@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import import_module
@@ -28,14 +28,28 @@ class Workplace:
     """The folder for checkpoints, which all workers can read; None: no checkpoints."""
 
 
+@dataclass(frozen=True)
+class StageRun:
+    """A stage that is to run now."""
+
+    monitor: StageMonitor
+    payload: WorkerPayload
+    followed: bool
+    """Whether another stage may follow, for which workers are worth keeping."""
+
+
 class Executor(Protocol):
     """Runs stages one after the other."""
 
     def open(self, checkpoints: Path, console: Console, stack: ExitStack) -> Workplace:
         """Prepare before the first stage; `stack` closes at the sweep's end. Raises InputError where that fails."""
 
-    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
-        """Run the packs of the monitor's queue and report to the monitor. An interrupt leaves the rest in the queue."""
+    def run(self, stages: Iterator[StageRun]) -> None:
+        """Run the packs of each stage's queue and report to its monitor; workers stay from one stage to the next.
+
+        Asking for the next stage ends the one before and plans the next; it raises InterruptedSweepError where packs
+        are left. An interrupt leaves the rest in the queue.
+        """
 
 
 def executor(settings: Settings) -> Executor:

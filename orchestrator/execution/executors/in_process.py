@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import os
 import platform
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
 
-from orchestrator.execution.executors.executor import Workplace
+from orchestrator.execution.executors.executor import StageRun, Workplace
 from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.interrupt import Interrupt
 from orchestrator.execution.settings import Settings
@@ -31,9 +32,10 @@ class InProcessExecutor:
         one_thread()
         return Workplace(workers=1, at_once=1, checkpoints=make_folder(checkpoints))
 
-    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
-        """Run the packs of the queue."""
-        _Stage(monitor, payload).run()
+    def run(self, stages: Iterator[StageRun]) -> None:
+        """Run the packs of each stage's queue."""
+        for stage in stages:
+            _Stage(stage.monitor, stage.payload).run()
 
 
 class _Unwound(Exception):  # noqa: N818

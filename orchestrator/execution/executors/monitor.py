@@ -47,12 +47,20 @@ class OutcomeSink:
 class StageMonitor:
     """Receives the events of trials from an executor."""
 
-    def __init__(self, queue: WorkQueue, sink: OutcomeSink, display: Display, stopping: EarlyStopping | None) -> None:
+    def __init__(
+        self,
+        queue: WorkQueue,
+        sink: OutcomeSink,
+        display: Display,
+        stopping: EarlyStopping | None,
+        workers: set[tuple[int, str]],
+    ) -> None:
+        """workers: process and node of each worker that has started in the sweep so far; new ones are added."""
         self.queue = queue
         self.display = display
         self._sink, self._stopping = sink, stopping
         self._points: dict[str, Mapping[str, Any]] = {}
-        self._workers: set[tuple[int, str]] = set()
+        self.workers = workers
 
     def next(self, trial: str) -> Pack | None:
         """Return the pack of a new trial, or None: none now, or no more (see `WorkQueue.over`)."""
@@ -71,8 +79,8 @@ class StageMonitor:
         """Process a report."""
         match report:
             case Started():
-                if (report.pid, report.node) not in self._workers:
-                    self._workers.add((report.pid, report.node))
+                if (report.pid, report.node) not in self.workers:
+                    self.workers.add((report.pid, report.node))
                     log.info("a worker has started: process %d on %s", report.pid, report.node)
                 self.queue.on_started(trial, report.pid, report.node)
             case Progress():

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
@@ -17,7 +18,7 @@ from typing import Any
 from rich.console import Console
 
 from orchestrator.cluster.resources import local_cpus
-from orchestrator.execution.executors.executor import Workplace
+from orchestrator.execution.executors.executor import StageRun, Workplace
 from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.interrupt import Interrupt
 from orchestrator.execution.settings import Settings
@@ -46,9 +47,13 @@ class ProcessPoolExecutor:
         self._checkpoints = make_folder(checkpoints)
         return Workplace(self._workers, self._workers, self._checkpoints)
 
-    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
-        """Run the packs of the queue."""
-        stage = _Stage(monitor, payload, self._processes, self._workers)
+    def run(self, stages: Iterator[StageRun]) -> None:
+        """Run the packs of each stage's queue."""
+        for stage in stages:
+            self._run(stage)
+
+    def _run(self, run: StageRun) -> None:
+        stage = _Stage(run.monitor, run.payload, self._processes, self._workers)
         try:
             with Interrupt(stage.end_now, self._checkpoints) as interrupt:
                 stage.run(interrupt)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
@@ -10,11 +11,9 @@ from pathlib import Path
 from rich.console import Console
 
 from orchestrator.cluster import connection, nodes
-from orchestrator.execution.executors.executor import Workplace
-from orchestrator.execution.executors.monitor import StageMonitor
+from orchestrator.execution.executors.executor import StageRun, Workplace
 from orchestrator.execution.settings import Settings
 from trainables.storage.folders import make_folder
-from trainables.training.worker import WorkerPayload
 
 RUNNER = "orchestrator.execution.executors.tune_runner"
 """Imports Ray Tune, which takes about as long as starting Ray; both happen at the same time."""
@@ -41,6 +40,6 @@ class RayExecutor:
                 console.print(f"no checkpoints: {', '.join(blind)} cannot see {checkpoints}", style="yellow")
         return Workplace(workers, settings.workers or (None if settings.address else workers), self._checkpoints)
 
-    def run_stage(self, monitor: StageMonitor, payload: WorkerPayload) -> None:
-        """Run a stage."""
-        import_module(RUNNER).run_stage(monitor, payload, self._settings.resources, self._checkpoints)
+    def run(self, stages: Iterator[StageRun]) -> None:
+        """Run all stages by one `tune.Tuner`."""
+        import_module(RUNNER).run(stages, self._settings.resources, self._checkpoints)

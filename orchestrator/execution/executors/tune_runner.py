@@ -1,4 +1,4 @@
-"""Runs a stage's cells with one `tune.Tuner`, on Ray on this machine or on a cluster."""
+"""Runs a sweep's cells with one `tune.Tuner`, on Ray on this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import shutil
 import signal
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,34 +16,43 @@ from ray.tune.search import Searcher
 
 from orchestrator.cluster import connection, nodes
 from orchestrator.cluster.resources import Resources
+from orchestrator.execution.executors.executor import StageRun
 from orchestrator.execution.executors.monitor import StageMonitor
+from orchestrator.execution.executors.trials import Trials
 from orchestrator.execution.interrupt import Interrupt
-from trainables.training.ray_tune import METRIC, TIME, run_cells
-from trainables.training.worker import WorkerPayload
+from trainables.training.ray_tune import HOLD, METRIC, TIME, run_cells
 
 
-def run_stage(monitor: StageMonitor, payload: WorkerPayload, resources: Resources, checkpoints: Path | None) -> None:
-    """Run the queue as trials of one `tune.Tuner`. checkpoints: the folder in which workers look for STOP, or None."""
+def run(stages: Iterator[StageRun], resources: Resources, checkpoints: Path | None) -> None:
+    """Run all stages as one `tune.Tuner`. checkpoints: the folder in which workers look for STOP, or None."""
+    if (first := next(stages, None)) is None:
+        return
+    interrupt = Interrupt(_end_tune, checkpoints)
+    trials = Trials(first, stages, lambda: interrupt.requested)
+    with connection.watched_head(lambda address: trials.monitor.display.abandon(address)), interrupt:
+        _fit(trials, interrupt, resources)
+    trials.finish()
+
+
+def _fit(trials: Trials, interrupt: Interrupt, resources: Resources) -> None:
     folder = tempfile.mkdtemp(prefix="deltatune-")
-    trainable = tune.with_parameters(run_cells, payload=payload)
-    with connection.watched_head(monitor.display.abandon), Interrupt(_end_tune, checkpoints) as interrupt:
-        tuner = tune.Tuner(
-            tune.with_resources(trainable, resources.request()),
-            tune_config=tune.TuneConfig(
-                search_alg=QueueSearcher(monitor),
-                scheduler=EarlyStoppingScheduler(monitor),
-                num_samples=-1,
-                reuse_actors=True,
-                trial_dirname_creator=lambda trial: str(trial.trial_id),
-            ),
-            run_config=tune.RunConfig(
-                storage_path=folder, name="stage", verbose=0, callbacks=[SweepCallback(monitor, interrupt)]
-            ),
-        )
-        try:
-            tuner.fit()
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
+    tuner = tune.Tuner(
+        tune.with_resources(run_cells, resources.request()),
+        tune_config=tune.TuneConfig(
+            search_alg=QueueSearcher(trials),
+            scheduler=EarlyStoppingScheduler(trials),
+            num_samples=-1,
+            reuse_actors=True,
+            trial_dirname_creator=lambda trial: str(trial.trial_id),
+        ),
+        run_config=tune.RunConfig(
+            storage_path=folder, name="sweep", verbose=0, callbacks=[SweepCallback(trials, interrupt)]
+        ),
+    )
+    try:
+        tuner.fit()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 class _Unsaved:
@@ -54,18 +63,16 @@ class _Unsaved:
 
 
 class QueueSearcher(_Unsaved, Searcher):
-    """The queue as a search algorithm of Tune: its packs become trials as workers become free."""
+    """The queues as a search algorithm of Tune: their packs become trials as workers become free."""
 
-    def __init__(self, monitor: StageMonitor) -> None:
+    def __init__(self, trials: Trials) -> None:
         super().__init__(metric="auc", mode="max")
-        self._monitor = monitor
+        self._trials = trials
 
     def suggest(self, trial_id: str) -> Any:
         """Return the config of the next trial, None to wait, or FINISHED."""
-        pack = self._monitor.next(trial_id)
-        if pack is not None:
-            return {"cells": [cell.to_json() for cell in pack.cells], "together": pack.together}
-        return Searcher.FINISHED if self._monitor.queue.over() else None
+        config = self._trials.next(trial_id)
+        return Searcher.FINISHED if config is None and self._trials.over else config
 
     def on_trial_complete(self, trial_id: str, result: Mapping[str, Any] | None = None, error: bool = False) -> None:
         """Do nothing: SweepCallback informs the queue, which also needs the error."""
@@ -80,13 +87,15 @@ class QueueSearcher(_Unsaved, Searcher):
 class EarlyStoppingScheduler(_Unsaved, FIFOScheduler):
     """Early stopping within arms as a scheduler of Tune."""
 
-    def __init__(self, monitor: StageMonitor) -> None:
+    def __init__(self, trials: Trials) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
-        self._monitor = monitor
+        self._trials = trials
 
     def on_trial_result(self, tune_controller: Any, trial: Any, result: dict[str, Any]) -> str:
         """Return whether a trial continues."""
-        if METRIC in result and self._monitor.stops(trial.trial_id, result[TIME], result[METRIC]):
+        if HOLD in result:
+            return str(TrialScheduler.CONTINUE if self._trials.holds(trial.trial_id) else TrialScheduler.STOP)
+        if METRIC in result and self._trials.monitor.stops(trial.trial_id, result[TIME], result[METRIC]):
             return str(TrialScheduler.STOP)
         return str(TrialScheduler.CONTINUE)
 
@@ -94,8 +103,12 @@ class EarlyStoppingScheduler(_Unsaved, FIFOScheduler):
 class SweepCallback(_Unsaved, tune.Callback):
     """Forwards reports to the monitor; handles lost and overdue trials."""
 
-    def __init__(self, monitor: StageMonitor, interrupt: Interrupt) -> None:
-        self._monitor, self._interrupt = monitor, interrupt
+    def __init__(self, trials: Trials, interrupt: Interrupt) -> None:
+        self._trials, self._interrupt = trials, interrupt
+
+    @property
+    def _monitor(self) -> StageMonitor:
+        return self._trials.monitor
 
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
@@ -107,10 +120,12 @@ class SweepCallback(_Unsaved, tune.Callback):
 
     def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Note that a trial has ended by itself, or by the scheduler."""
+        self._trials.let_go(trial.trial_id)
         self._monitor.on_completed(trial.trial_id)
 
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Note that a trial's worker or node was lost."""
+        self._trials.let_go(trial.trial_id)
         self._monitor.on_lost(trial.trial_id, _cause(trial.error_file))
 
     def on_step_end(self, iteration: int, trials: list[Any], **info: Any) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.stats import poisson
 
 from trainables.numerics.jit import compiled
 from trainables.tasks.spec.family import Context
@@ -73,6 +72,8 @@ def _outcomes(
 
 def model(context: Context) -> TransitionModel:
     """Return the exact model: an outcome for each number of units sold (about 6.8 million, 80 MB)."""
+    from scipy.stats import poisson  # takes half a second, which workers of other tasks need not wait for
+
     dyn = dynamics(context)
     stock = np.arange(LIMIT + 1)
     demand = poisson(context["demand_mean"])
