@@ -16,6 +16,7 @@ from typing import Any
 
 import ray
 
+from orchestrator.cluster import ending
 from orchestrator.cluster.resources import Resources, local_cpus
 from orchestrator.results.provenance import packages_folder, write_staged
 from trainables.errors import InputError
@@ -37,6 +38,7 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
     A Ray instance that this process has started before is used as it is, and left running.
     Raises InputError where no cluster answers at `address`.
     """
+    ending.wait()
     if ray.is_initialized():
         yield
         return
@@ -48,7 +50,7 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
     try:
         yield
     finally:
-        ray.shutdown()
+        ending.end(ray.shutdown)
 
 
 def _join(address: str) -> None:

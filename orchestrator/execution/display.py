@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import sys
 import time
@@ -88,6 +89,7 @@ class Display:
         self._console, self._folder = console, folder
         self._progress = Progress(stage, total)
         self._logged = self._written = self._shown = time.monotonic()
+        self._any = False
         self._write_every = 2.0 if is_local(folder) else LOG_EVERY
         self._bars = bars(console)
         self._notes = _Notes(console)
@@ -120,6 +122,8 @@ class Display:
         if record.status == "failed":
             cell = record.cell
             log.info("failed: %s %s on %s, seed %d: %s", cell.id, cell.agent, cell.task, cell.seed, record.error)
+        if not self._any:  # said at once, where there is no live line: the sweep is at work
+            self._any, self._logged, self._shown = True, -math.inf, -math.inf
         self._show()
 
     def progress(self, report: worker.Progress) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from orchestrator.cluster import ending
 from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
 from orchestrator.execution.interrupt import stop_now
 from orchestrator.execution.settings import RunSummary, Settings
@@ -74,6 +75,7 @@ class SweepSession:
                 raise
             finally:
                 session._end("KILLED")
+                ending.wait()
 
     def run(self, settings: Settings, meanwhile: Callable[[], object] = lambda: None) -> RunSummary:
         """Run the missing cells; see `run_held`. A summary with `left` means that the run was interrupted.
