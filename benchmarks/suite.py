@@ -11,6 +11,10 @@ from typing import Any
 from benchmarks.row import Row
 
 PEERS = {"sb3": "stable-baselines3", "cleanrl": "plain torch, CleanRL-style"}
+
+FIRST_CELL = 8.0
+"""Seconds in which the first cell of the demo is to be there."""
+
 GOAL = 2.5
 """Times the reference that a command which trains nothing may take."""
 
@@ -59,6 +63,13 @@ def scaling(quick: bool) -> Iterator[Row]:
         yield Row(f"{cells:,} cells of nothing", cost, "ms a cell", "ideal", 0.0, more=False)
 
 
+def demo(quick: bool) -> Iterator[Row]:
+    """Yield the wall time of the demo."""
+    found = _json("demo")
+    yield Row("demo, until its first cell", found["until the first cell"], "s", "goal", FIRST_CELL, more=False)
+    yield Row("demo", found["wall"], "s", "its training on all workers", found["ideal"], more=False)
+
+
 def tracking(quick: bool) -> Iterator[Row]:
     """Yield the cost of MLflow."""
     found = _json("tracking.cell_cost", "--cells", "20" if quick else "100")
@@ -78,6 +89,7 @@ PARTS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "update": update,
     "simulators": simulators,
     "answers": answers,
+    "demo": demo,
     "scaling": scaling,
     "tracking": tracking,
 }
