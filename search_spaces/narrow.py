@@ -26,7 +26,7 @@ def narrow(
 
     seeds, confirm and hyperparameters replace those of the space. Raises InputError for an unknown name.
     """
-    if not (tasks or agents or hyperparameters) and seeds is None:
+    if not (tasks or agents or hyperparameters) and seeds is None and confirm is None:
         return space
     data: dict[str, Any] = space.to_json()
     tasks, agents = [canonicalise(name) for name in tasks], [canonicalise(name) for name in agents]

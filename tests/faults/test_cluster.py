@@ -121,6 +121,7 @@ def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: P
 
 
 def test_a_joined_sweep_is_told_of_the_loss_of_its_head(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
+    cluster.grow(2)
     code = "from orchestrator.cluster import connection; connection.HEAD_PATIENCE = 3.0; "
     code += "from deltatune.cli.main import main; main()"
     words = ("--no-mlflow", "--address", cluster.address)

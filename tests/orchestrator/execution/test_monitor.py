@@ -23,7 +23,7 @@ class Marked(float):
 def test_the_curve_of_a_configuration_is_forgotten_once_its_trial(lost: bool) -> None:
     cell = Cell.create("q_learning", "windy_gridworld", 0, {"episodes": 10})
     queue = WorkQueue(CellStatus(lambda cell: False, lambda cells: None), None, packs=[Pack((cell,), together=True)])
-    monitor = StageMonitor(queue, mock.Mock(), mock.Mock(), None)
+    monitor = StageMonitor(queue, mock.Mock(), mock.Mock(), None, set())
     assert monitor.next("trial") is not None
     value = Marked(1.0)
     watched = weakref.ref(value)
