@@ -10,7 +10,7 @@ from pathlib import Path
 from dashboards.draw import draw
 from orchestrator.analysis.contrasts.table import number_table as contrast_numbers
 from orchestrator.analysis.findings import Findings, find
-from orchestrator.analysis.summary_table import number_table, text_table
+from orchestrator.analysis.tables.summary_table import number_table, text_table
 from orchestrator.export.best_params import write_best
 from orchestrator.results.sweep_folder import Results
 from trainables.errors import InputError

@@ -16,7 +16,7 @@ from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.over_tasks import number_table as standings
-from orchestrator.analysis.summary_table import numbers
+from orchestrator.analysis.tables.summary_table import numbers
 from orchestrator.results.sweep_folder import Results
 from trainables.storage.paths import default_storage, storage_path
 

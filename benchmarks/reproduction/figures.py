@@ -13,7 +13,7 @@ from dashboards import style
 from dashboards.figure_model import Chart, Level, Panel, Series
 from dashboards.renderers import matplotlib_renderer
 from orchestrator.analysis import statistics
-from orchestrator.analysis.paper_table1 import AGENTS
+from orchestrator.analysis.tables.paper_table1 import AGENTS
 from trainables.delta.bounds import bounds
 
 

@@ -9,8 +9,8 @@ from benchmarks.reproduction.claims import DEMANDS, DQN, MARGIN, REVERSED, SMALL
 from benchmarks.reproduction.curves import Curves
 from benchmarks.reproduction.verdicts import Finding
 from orchestrator.analysis import statistics
-from orchestrator.analysis.paper_table1 import AGENTS, TABLE_1
 from orchestrator.analysis.statistics import Estimate
+from orchestrator.analysis.tables.paper_table1 import AGENTS, TABLE_1
 from trainables.delta.bounds import bounds
 
 ROWS = (*TABLE_1, "lunar_lander:mass=1.5")

@@ -30,9 +30,9 @@ from dashboards.report.verdict import verdict
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import settings_text
-from orchestrator.analysis.paper_table1 import same_row
-from orchestrator.analysis.paper_table1 import table_1 as paper_row
 from orchestrator.analysis.selection import optimism
+from orchestrator.analysis.tables.paper_table1 import same_row
+from orchestrator.analysis.tables.paper_table1 import table_1 as paper_row
 
 log = logging.getLogger("deltatune.report")
 

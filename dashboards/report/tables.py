@@ -14,8 +14,8 @@ from dashboards.labels import in_order, minus, settings
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import TRANSFER_RATIO, Metric, present
-from orchestrator.analysis.paper_table1 import same_row
-from orchestrator.analysis.summary_table import CONFIRMED, CONFIRMED_COLUMNS, numbers
+from orchestrator.analysis.tables.paper_table1 import same_row
+from orchestrator.analysis.tables.summary_table import CONFIRMED, CONFIRMED_COLUMNS, numbers
 
 MAX_FAILURES = 300
 """Failed cells listed in the page; the CSV has them all."""

@@ -44,7 +44,7 @@ def group_table(groups: Sequence[Group], title: str) -> Sheet:
     """
     from orchestrator.analysis.labels import settings_text, shared
     from orchestrator.analysis.metrics import shown
-    from orchestrator.analysis.summary_table import table as lines_of
+    from orchestrator.analysis.tables.summary_table import table as lines_of
 
     common, compared = shared(groups), {metric.heading for metric in shown("summary") if metric.compared}
     ordered = sorted(groups, key=lambda group: group.task)
@@ -81,7 +81,7 @@ def contrast_table(found: Sequence[Contrast], title: str) -> Sheet:
 def confirmed_table(groups: Sequence[Group]) -> Sheet:
     """Return what a confirmation says of the selected configurations, next to the AUC that they were selected by."""
     from orchestrator.analysis.metrics import METRICS
-    from orchestrator.analysis.summary_table import CONFIRMED, CONFIRMED_COLUMNS, confirmed_texts
+    from orchestrator.analysis.tables.summary_table import CONFIRMED, CONFIRMED_COLUMNS, confirmed_texts
     from trainables.plugins.names import short
 
     auc = next(metric for metric in METRICS if metric.key == "auc")

@@ -12,8 +12,8 @@ import pandas as pd
 from orchestrator.analysis.curves import milestones
 from orchestrator.analysis.curves.learning import nothing_in
 from orchestrator.analysis.inference.pairs import paired
+from orchestrator.analysis.inference.seeds import Seeds, networks, whole_seeds
 from orchestrator.analysis.metrics import DIFFERENCE, METRICS, TRANSFER_RATIO
-from orchestrator.analysis.seeds import Seeds, networks, whole_seeds
 from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
 from orchestrator.planning.arms import Key
 from trainables.agents.registry import agent_named

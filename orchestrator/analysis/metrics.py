@@ -12,7 +12,7 @@ from typing import Literal, Protocol
 
 from orchestrator.analysis import statistics
 from orchestrator.analysis.curves import milestones
-from orchestrator.analysis.seeds import Seeds
+from orchestrator.analysis.inference.seeds import Seeds
 from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio
 
 NOTHING = 1e-9

@@ -9,7 +9,7 @@ import pandas as pd
 
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.inference.pairs import difference, paired
-from orchestrator.analysis.seeds import whole_seeds
+from orchestrator.analysis.inference.seeds import whole_seeds
 from orchestrator.planning.arms import Key
 
 RULE = (

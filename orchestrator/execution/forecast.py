@@ -12,8 +12,8 @@ import numpy as np
 
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import Settings
-from orchestrator.execution.source_choice import choose
-from orchestrator.execution.source_ranking import ranked
+from orchestrator.execution.sources.source_choice import choose
+from orchestrator.execution.sources.source_ranking import ranked
 from orchestrator.planning.arms import CONFIRM, Arm, distinct
 from orchestrator.planning.confirmation import (
     CONFIRM_SOURCE,

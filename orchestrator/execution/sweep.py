@@ -13,8 +13,8 @@ from orchestrator.cluster import ending
 from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
 from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
-from orchestrator.execution.source_choice import choose
-from orchestrator.execution.source_ranking import ranked
+from orchestrator.execution.sources.source_choice import choose
+from orchestrator.execution.sources.source_ranking import ranked
 from orchestrator.execution.stage import Stages, Work
 from orchestrator.planning.arms import CONFIRM, Arm, distinct
 from orchestrator.planning.confirmation import (

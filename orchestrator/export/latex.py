@@ -9,9 +9,9 @@ from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import settings_text, varied
 from orchestrator.analysis.metrics import Metric, present, signed
-from orchestrator.analysis.paper_table1 import same_row
 from orchestrator.analysis.selection import optimism
 from orchestrator.analysis.statistics import LEVEL
+from orchestrator.analysis.tables.paper_table1 import same_row
 
 SPECIAL = {
     "\\": r"\textbackslash{}",

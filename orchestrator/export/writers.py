@@ -12,7 +12,7 @@ import pandas as pd
 from orchestrator.analysis.contrasts.table import number_table as contrast_table
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.over_tasks import number_table as standings_table
-from orchestrator.analysis.summary_table import number_table
+from orchestrator.analysis.tables.summary_table import number_table
 from orchestrator.export.best_params import best, write_best
 from orchestrator.export.formats import Written
 from orchestrator.export.latex import table_1

@@ -64,7 +64,7 @@ class JsonLines:
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
         """Append a line per configuration and one for the sweep; then keep one line per id that the sweep still has."""
-        from orchestrator.analysis.summary_table import numbers
+        from orchestrator.analysis.tables.summary_table import numbers
 
         cells = findings.cells
         of = cells.groupby("cell_id", sort=False)["group"].agg(list).to_dict() if len(cells) else {}

@@ -10,7 +10,7 @@ import yaml
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import METRICS
 from orchestrator.analysis.selection import optimism
-from orchestrator.analysis.summary_table import CONFIRMED_COLUMNS, confirmed_texts, table
+from orchestrator.analysis.tables.summary_table import CONFIRMED_COLUMNS, confirmed_texts, table
 from orchestrator.results.pretrained_names import options
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow.views import LEADERBOARD

@@ -11,7 +11,7 @@ from typing import Any
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import run_name
 from orchestrator.analysis.metrics import METRICS
-from orchestrator.analysis.summary_table import CONFIRMED, CORRECTED, confirmed_numbers, confirmed_texts
+from orchestrator.analysis.tables.summary_table import CONFIRMED, CORRECTED, confirmed_numbers, confirmed_texts
 from orchestrator.results.records.record import Head
 
 CELL_METRICS = (

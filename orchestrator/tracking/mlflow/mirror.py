@@ -29,7 +29,7 @@ from orchestrator.analysis.curves.bands import NO_CURVE, mean_curves
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import cell_name, configuration_name, group_name
-from orchestrator.analysis.summary_table import number_table
+from orchestrator.analysis.tables.summary_table import number_table
 from orchestrator.results.records.record import Head, Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.results.tables.cell_row import cell_row

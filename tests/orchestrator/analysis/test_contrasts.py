@@ -20,7 +20,8 @@ from orchestrator.analysis.inference.multiplicity import holm, simultaneous
 from orchestrator.analysis.statistics import difference
 from orchestrator.export.best_params import best
 from orchestrator.planning.arms import Label
-from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.results.sweep_folder import Results
+from orchestrator.results.tables.cell_row import cell_row
 from orchestrator.tracking.mlflow.fields import group_figures
 from search_spaces.loading import parse
 from trainables.cell import Cell, Source

@@ -15,7 +15,8 @@ from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.inference import crossed
 from orchestrator.analysis.inference.pairs import difference, paired
 from orchestrator.planning.arms import Label
-from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.results.sweep_folder import Results
+from orchestrator.results.tables.cell_row import cell_row
 from search_spaces.loading import parse
 from trainables.cell import Cell, Source
 from trainables.tasks.registry import parse_task

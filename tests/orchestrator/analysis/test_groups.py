@@ -12,7 +12,7 @@ from dashboards.figure_model import Matrix
 from dashboards.figures import transfer_matrix
 from dashboards.labels import by_source, heading, label
 from orchestrator.analysis.findings import Findings, find
-from orchestrator.analysis.summary_table import row
+from orchestrator.analysis.tables.summary_table import row
 from orchestrator.export.best_params import best, read_params, write_best
 from orchestrator.planning.arms import Key, Label
 from orchestrator.results.sweep_folder import Results

@@ -16,11 +16,12 @@ from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import METRICS
 from orchestrator.analysis.selection import optimism
-from orchestrator.analysis.summary_table import COLUMNS, numbers, table
+from orchestrator.analysis.tables.summary_table import COLUMNS, numbers, table
 from orchestrator.export.best_params import read_params, write_best
 from orchestrator.export.latex import table_1
 from orchestrator.planning.arms import Label
-from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.results.sweep_folder import Results
+from orchestrator.results.tables.cell_row import cell_row
 from orchestrator.tracking.mlflow.description import markdown
 from orchestrator.tracking.mlflow.fields import group_figures
 from search_spaces.loading import parse

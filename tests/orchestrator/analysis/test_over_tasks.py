@@ -22,7 +22,8 @@ from orchestrator.analysis.inference import across_tasks
 from orchestrator.analysis.over_tasks import Entrant, number_table, over_tasks, reference
 from orchestrator.export.formats import write
 from orchestrator.planning.arms import Label
-from orchestrator.results.sweep_folder import Results, cell_row
+from orchestrator.results.sweep_folder import Results
+from orchestrator.results.tables.cell_row import cell_row
 from search_spaces.loading import built_in, load, parse
 from search_spaces.narrow import narrow
 from trainables.cell import Cell, Source

@@ -10,11 +10,11 @@ from orchestrator.analysis import statistics
 from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.groups import groups
 from orchestrator.analysis.inference import crossed as crossed_mean
-from orchestrator.analysis.seeds import networks, whole_seeds
+from orchestrator.analysis.inference.seeds import networks, whole_seeds
 from orchestrator.analysis.selection import select
-from orchestrator.analysis.summary_table import numbers, row
+from orchestrator.analysis.tables.summary_table import numbers, row
 from orchestrator.planning.arms import Label
-from orchestrator.results.sweep_folder import cell_row
+from orchestrator.results.tables.cell_row import cell_row
 from trainables.cell import Cell, Source
 
 ORIGIN, REVERSED = "windy_gridworld", "windy_gridworld:wind=reversed"

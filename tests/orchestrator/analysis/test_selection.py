@@ -11,7 +11,7 @@ import pytest
 from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.groups import groups
 from orchestrator.analysis.selection import select
-from orchestrator.analysis.summary_table import row
+from orchestrator.analysis.tables.summary_table import row
 from orchestrator.planning.arms import Key
 from trainables.cell import Cell, Source
 

@@ -11,9 +11,9 @@ from conftest import DEEP, LOCAL, SPACE
 from rich.console import Console
 
 from orchestrator.analysis.findings import find
-from orchestrator.execution import source_ranking
 from orchestrator.execution.forecast import forecast
-from orchestrator.execution.source_ranking import EPISODES, FILE, SEED
+from orchestrator.execution.sources import source_ranking
+from orchestrator.execution.sources.source_ranking import EPISODES, FILE, SEED
 from orchestrator.execution.sweep import run
 from orchestrator.results import checked_json
 from orchestrator.results.sweep_folder import Results

@@ -13,8 +13,8 @@ import yaml
 
 from orchestrator.analysis.contrasts.table import number_table as contrast_table
 from orchestrator.analysis.findings import Findings, find
-from orchestrator.analysis.paper_table1 import TABLE_1, same_row
-from orchestrator.analysis.summary_table import number_table
+from orchestrator.analysis.tables.paper_table1 import TABLE_1, same_row
+from orchestrator.analysis.tables.summary_table import number_table
 from orchestrator.export.formats import FORMATS, write
 from orchestrator.export.latex import escape, table_1
 from orchestrator.export.sb3 import dqn_arguments

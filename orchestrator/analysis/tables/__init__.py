@@ -1,0 +1,1 @@
+"""The tables of a sweep's configurations, and the paper's own."""

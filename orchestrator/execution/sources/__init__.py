@@ -1,0 +1,1 @@
+"""Which source network advises, settled once the sources are trained."""
