@@ -23,9 +23,8 @@ PAIRS = (
 )
 
 
-def page(dataset: Dataset) -> str:
-    """Return the page."""
-    curves = Curves(dataset)
+def page(dataset: Dataset, curves: Curves) -> str:
+    """Return the page; `curves` are the dataset's."""
     found = findings(curves)
     similar = figures.similarities(curves)
     correlation = (
@@ -65,8 +64,9 @@ def main() -> None:
     parser.add_argument("--docs", type=Path, default=Path("docs"), help="the folder of reproduction.md")
     arguments = parser.parse_args()
     dataset = Dataset(arguments.dataset)
-    (arguments.docs / "reproduction.md").write_text(page(dataset))
-    figures.draw(Curves(dataset), arguments.docs / "images" / "reproduction")
+    curves = Curves(dataset)
+    (arguments.docs / "reproduction.md").write_text(page(dataset, curves))
+    figures.draw(curves, arguments.docs / "images" / "reproduction")
     print(arguments.docs / "reproduction.md")
 
 

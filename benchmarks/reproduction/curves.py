@@ -30,6 +30,7 @@ class Curves:
         advised = points.groupby("cell_id")["advised_factor"].mean() if "advised_factor" in points else {}
         cells["factor"] = cells["cell_id"].map(advised)
         self._cells, self._points = cells, points
+        self._best: dict[tuple[str, Arm], pd.DataFrame] = {}
 
     def points(self, target: str, arm: Arm) -> pd.DataFrame:
         """Return the curves of the best configuration of an arm."""
@@ -44,9 +45,11 @@ class Curves:
 
     def best(self, target: str, arm: Arm) -> pd.DataFrame:
         """Return the cells of the configuration with the best mean AUC, indexed by seed; empty where there is none."""
-        found = self.configurations(target, arm).values()
-        best = max(found, key=lambda rows: float(rows["auc"].mean()), default=self._cells.iloc[:0])
-        return best.set_index("seed").sort_index()
+        if (target, arm) not in self._best:
+            found = self.configurations(target, arm).values()
+            best = max(found, key=lambda rows: float(rows["auc"].mean()), default=self._cells.iloc[:0])
+            self._best[target, arm] = best.set_index("seed").sort_index()
+        return self._best[target, arm]
 
     def paired(self, target: str, first: Arm, second: Arm, column: str = "auc") -> tuple[list[float], list[float]]:
         """Return `column` of both arms at the seeds that both have."""

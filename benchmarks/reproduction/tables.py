@@ -11,6 +11,7 @@ from benchmarks.reproduction.verdicts import Finding
 from orchestrator.analysis import statistics
 from orchestrator.analysis.statistics import Estimate
 from orchestrator.analysis.tables.paper_table1 import AGENTS, TABLE_1
+from orchestrator.markdown import table
 from trainables.delta.bounds import bounds
 
 ROWS = (*TABLE_1, "lunar_lander:mass=1.5")
@@ -23,10 +24,9 @@ OTHERS = ("warm_start",)
 """Agents other than the paper's that every row has."""
 
 
-def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table."""
-    lines = [list(head), ["---"] * len(head), *([str(value) for value in row] for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def markdown(head: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
+    """Return a table as text."""
+    return "\n".join(table(head, rows))
 
 
 def interval(estimate: Estimate | None, digits: int = 1) -> str:

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 
 import pandas as pd
 
+from orchestrator.markdown import table
+
 LICENCE = """\
 Creative Commons Attribution 4.0 International (CC BY 4.0)
 
@@ -52,9 +54,9 @@ def card(cells: pd.DataFrame, remarks: str = "") -> str:
         first,
         remarks.strip(),
         "## What is in it\n\n"
-        + _table(("sweep", "task", "agent", "source", "cells", "seeds", "sources"), _counts(cells)),
+        + _text(("sweep", "task", "agent", "source", "cells", "seeds", "sources"), _counts(cells)),
         "## How to use it\n\n" + USE.format(cell=cells["cell_id"].iloc[0], sweep=cells["sweep"].iloc[0]),
-        *(f"## {title}\n\n" + _table(("column", "meaning"), rows.items()) for title, rows in COLUMNS.items()),
+        *(f"## {title}\n\n" + _text(("column", "meaning"), rows.items()) for title, rows in COLUMNS.items()),
         "## How it was made\n\n" + _made(cells),
         "## Licence\n\n" + LICENCE.strip(),
     ]
@@ -88,7 +90,5 @@ def _made(cells: pd.DataFrame) -> str:
     )
 
 
-def _table(head: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
-    lines = [list(map(str, head)), *(list(map(str, row)) for row in rows)]
-    lines.insert(1, ["---"] * len(lines[0]))
-    return "\n".join(f"|{'|'.join(line)}|" for line in lines)
+def _text(head: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
+    return "\n".join(table(head, rows))

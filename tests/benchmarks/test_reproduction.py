@@ -81,4 +81,5 @@ def test_every_claim_is_of_agents_and_targets_that_there_are() -> None:
 
 def test_the_page_is_that_of_the_published_dataset() -> None:
     written = (PUBLISHED.parent / "reproduction.md").read_text()
-    assert page(Dataset(PUBLISHED)) == written, "run python -m benchmarks.reproduction"
+    dataset = Dataset(PUBLISHED)
+    assert page(dataset, Curves(dataset)) == written, "run python -m benchmarks.reproduction"

@@ -61,6 +61,7 @@ def _ranked(choice: SourceChoice, targets: Sequence[str], library: SourceLibrary
         try:
             sizes = _sizes(target, cells, library, known)
         except Exception as error:
+            log.exception("the source networks cannot be ranked on %s", target)
             return replace(choice, lost=f"the source networks cannot be ranked on {target}: {describe_error(error)}")
         first[target] = min(choice.runs, key=lambda seed: (sizes[choice.runs[seed].cell.id], seed))
     return replace(choice, ranked=first)

@@ -11,6 +11,7 @@ from orchestrator.analysis.groups import Group
 from orchestrator.analysis.metrics import METRICS
 from orchestrator.analysis.selection import optimism
 from orchestrator.analysis.tables.summary_table import CONFIRMED_COLUMNS, confirmed_texts, table
+from orchestrator.markdown import table as markdown_table
 from orchestrator.results.pretrained_names import options
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow.views import LEADERBOARD
@@ -22,8 +23,7 @@ def markdown(results: Results, groups: Sequence[Group], best: Sequence[Group]) -
     space = results.space()
     lines = [*_headline(best), space.description or space.name, "", *_confirmed(best), "Every configuration:", ""]
     columns, rows = table(groups)
-    lines += [f"|{'|'.join(columns)}|", "|" + "---|" * len(columns)]
-    lines += _rows(rows)
+    lines += [*markdown_table(columns, ()), *_rows(rows)]
     lines += ["", "Transfer ratio and difference are against the same agent without transfer, paired by seed.", ""]
     lines += [
         f"To reproduce: `deltatune sweep SPACE.yaml --name {results.name}{options(results.folder)}`, with the search "
@@ -45,12 +45,9 @@ def _confirmed(best: Sequence[Group]) -> list[str]:
     if not shown:
         return []
     columns = ("task", "agent", "source", *CONFIRMED_COLUMNS)
-    lines = ["Confirmed on seeds that had no part in the selection:", "", f"|{'|'.join(columns)}|"]
-    lines.append("|" + "---|" * len(columns))
-    lines += [
-        f"|{'|'.join((short(g.task), short(g.agent), g.source_label, *confirmed_texts(g.confirmed)))}|" for g in shown
-    ]
-    return [*lines, ""]
+    rows = [(short(g.task), short(g.agent), g.source_label, *confirmed_texts(g.confirmed)) for g in shown]
+    said = "Confirmed on seeds that had no part in the selection:"
+    return [said, "", *markdown_table(columns, rows), ""]
 
 
 def _headline(best: Sequence[Group]) -> list[str]:
@@ -58,15 +55,17 @@ def _headline(best: Sequence[Group]) -> list[str]:
     shown = [group.judged for group in best if group.stage == "transfer" and group.judged.auc]
     if not shown:
         return []
-    lines = ["|best on|agent|AUC|transfer ratio|verdict|", "|---|---|---|---|---|"]
+    rows = []
     for task in dict.fromkeys(group.task for group in shown):
         group = max((one for one in shown if one.task == task), key=lambda one: one.auc.value if one.auc else 0.0)
         texts = [metric.text(group.estimates.get(metric.key)) for metric in METRICS if metric.key in HEADLINE]
-        lines.append(
-            "|" + "|".join([short(task), short(group.agent), *texts, group.verdict_text or "no transfer"]) + "|"
-        )
+        rows.append((short(task), short(group.agent), *texts, group.verdict_text or "no transfer"))
     said = optimism(shown)
-    return [*lines, "", *([said, ""] if said else [])]
+    return [
+        *markdown_table(("best on", "agent", "AUC", "transfer ratio", "verdict"), rows),
+        "",
+        *([said, ""] if said else []),
+    ]
 
 
 HEADLINE = ("auc", "transfer_ratio")
