@@ -16,6 +16,9 @@ from pathlib import Path
 START_SECONDS = 240.0
 """Seconds that a node may take to start on a busy machine."""
 
+NODES = "127.0.0.2"
+"""The address of all nodes but the head, by which a driver can choose one of them."""
+
 TOKEN = os.environ | {
     "RAY_AUTH_MODE": "token",
     "RAY_AUTH_TOKEN": secrets.token_hex(32),
@@ -45,7 +48,7 @@ class Cluster:
         self.nodes = [self.add_node() for _ in range(nodes)]
 
     def add_node(self, within: Sequence[str] = ()) -> subprocess.Popen[bytes]:
-        return self._start("--address", self.address, "--num-cpus", "1", within=within)
+        return self._start("--address", self.address, "--num-cpus", "1", ip=NODES, within=within)
 
     def grow(self, nodes: int, within: Sequence[str] = ()) -> None:
         """Have at least so many nodes; new ones are started by the words `within`."""
@@ -62,10 +65,10 @@ class Cluster:
         for node in (*self.nodes, self.head):
             self.remove(node)
 
-    def _start(self, *options: str, within: Sequence[str] = ()) -> subprocess.Popen[bytes]:
+    def _start(self, *options: str, ip: str = "127.0.0.1", within: Sequence[str] = ()) -> subprocess.Popen[bytes]:
         """Start a node, and wait until it is there: two that start at once may take each other's ports."""
         ray = Path(sys.executable).parent / "ray"
-        words = [*within, ray, "start", "--block", "--node-ip-address", "127.0.0.1", "--disable-usage-stats", *options]
+        words = [*within, ray, "start", "--block", "--node-ip-address", ip, "--disable-usage-stats", *options]
         words += ["--dashboard-agent-listen-port", str(free_port())]
         path = self._folder.parent / f"{time.monotonic_ns()}.log"
         with path.open("wb") as log:

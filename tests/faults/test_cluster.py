@@ -23,7 +23,7 @@ from orchestrator.cluster import jobs
 from orchestrator.results.lock import driver as driver_of
 from orchestrator.results.sweep_folder import Results
 from tests.deltatune.cli.in_process import command
-from tests.faults.ray_cluster import TOKEN, Cluster
+from tests.faults.ray_cluster import NODES, TOKEN, Cluster
 
 pytestmark = pytest.mark.cluster
 pytest.importorskip("ray.dashboard.optional_deps", reason="needs ray[default]")
@@ -120,12 +120,23 @@ def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: P
     assert "a worker was lost: " in log
 
 
+ON_A_NODE = f"""
+from deltatune.cli.main import main
+from orchestrator.cluster import connection
+from ray._private import services
+
+connection.HEAD_PATIENCE = 3.0
+find = services.get_node_to_connect_for_driver
+services.get_node_to_connect_for_driver = lambda gcs, **which: find(gcs, **which | {{"node_ip_address": "{NODES}"}})
+main()
+"""
+"""A driver that joins the cluster from another machine than the head's: Ray ends it at once if its own node is lost."""
+
+
 def test_a_joined_sweep_is_told_of_the_loss_of_its_head(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
     cluster.grow(2)
-    code = "from orchestrator.cluster import connection; connection.HEAD_PATIENCE = 3.0; "
-    code += "from deltatune.cli.main import main; main()"
     words = ("--no-mlflow", "--address", cluster.address)
-    with driver(tmp_path, *words, python=("-c", code), env=TOKEN, **LONGER) as process:
+    with driver(tmp_path, *words, python=("-c", ON_A_NODE), env=TOKEN, **LONGER) as process:
         wait_for(ended(tmp_path, 3), process)
         cluster.remove(cluster.head)
         _, err = process.communicate(timeout=PATIENCE)
