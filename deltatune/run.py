@@ -13,7 +13,7 @@ from deltatune.publish import load as load_renderers
 from deltatune.sweep_results import SweepResults
 from orchestrator.errors import InterruptedSweepError
 from orchestrator.execution.session import SweepSession
-from orchestrator.execution.settings import Settings
+from orchestrator.execution.settings import Reuse, Settings
 from orchestrator.planning.evaluations import few_evaluations_in
 from orchestrator.tracking.uri import tracking_uri as store_uri
 from search_spaces.loading import load, parse
@@ -36,6 +36,7 @@ def sweep(
     address: str | None = None,
     local: bool = False,
     retry_failed: bool = False,
+    reuse: Reuse = "all",
     mlflow: bool = True,
     tracking_uri: str | None = None,
     progress: bool = True,
@@ -45,7 +46,7 @@ def sweep(
     space: a built-in search space's name, a YAML file, a mapping of the same keys, or a SearchSpace. The other
     arguments are the command's options: name and storage say where the results are; tasks, agents, seeds and
     hyperparameters narrow the space; confirm runs what is selected again on so many unseen seeds; workers, address and
-    local say where cells run. progress: whether to show it.
+    local say where cells run; reuse says what is taken from other sweeps of the storage. progress: whether to show it.
     Raises InputError for bad input, before any work; SweepError for one that stopped (finished cells are kept).
     """
     folder = storage_path(storage or default_storage())
@@ -57,7 +58,7 @@ def sweep(
         confirm=confirm,
         hyperparameters=dict(hyperparameters or {}),
     )
-    settings = Settings(workers=workers, address=address, local=local, retry_failed=retry_failed)
+    settings = Settings(workers=workers, address=address, local=local, retry_failed=retry_failed, reuse=reuse)
     uri = store_uri(folder, tracking_uri) if mlflow else None
     console = Console(stderr=True, quiet=not progress, highlight=False, markup=False)
     if said := few_evaluations_in(chosen):

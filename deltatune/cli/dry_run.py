@@ -10,7 +10,7 @@ from deltatune.cli.sheet import table
 from deltatune.cli.tables import duration, span
 from orchestrator.cluster.resources import local_cpus
 from orchestrator.execution.forecast import forecast
-from orchestrator.execution.settings import Settings
+from orchestrator.execution.settings import Settings, origin
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
 from trainables.plugins.names import short
@@ -26,6 +26,9 @@ def print_forecast(space: SearchSpace, settings: Settings, folder: Path, as_json
         return
     stages = [(s.stage, str(s.cells), str(s.done), span(s.low, s.high) if s.high else "-") for s in found.stages]
     out.print(table(("stage", "cells", "already done", "the rest, on one core"), stages))
+    for stage in found.stages:
+        for where, count in stage.taken.items():
+            out.print(f"{stage.stage}: {origin(where, count)}", soft_wrap=True)
     if found.costs:
         costs = [(short(c.task), short(c.agent), span(c.low, c.high), c.origin) for c in found.costs]
         out.print(table(("task", "agent", "an episode", "estimated from"), costs))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -73,6 +73,15 @@ Pretrained = Annotated[
     ),
 ]
 RetryFailed = Annotated[bool, typer.Option("--retry-failed", help="Run failed cells again.", rich_help_panel=WHAT)]
+Reuse = Annotated[
+    Literal["all", "sources", "none"],
+    typer.Option(
+        "--reuse",
+        metavar="WHAT",
+        help="Take from other sweeps of the storage: 'all' cells that they have finished, 'sources', or 'none'.",
+        rich_help_panel=WHAT,
+    ),
+]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Only say what it would do and cost.", rich_help_panel=WHAT)]
 
 # --- where and how

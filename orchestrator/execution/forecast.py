@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +74,8 @@ class Stage:
     low: float
     """Seconds on one worker for the rest."""
     high: float
+    taken: Mapping[str, int] = field(default_factory=dict)
+    """How many of the done ones are copied, by the sweep that has trained them; sources: by 'the source library'."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,8 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     Raises InputError where a task or an agent needs an extra that is not installed.
     """
     require_extras(space)
-    ledger, costs = Ledger(results, settings.retry_failed, space, reads_only=True), _Costs(results.storage)
+    ledger = Ledger(results, settings.retry_failed, space, reads_only=True, reuse=settings.reuse)
+    costs = _Costs(results.storage)
     arms = source_arms(space, settings.params)
     keep = any("learned" in scenario.source.kinds for scenario in space.scenarios)
     trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.pretrained)
@@ -114,7 +117,7 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     transfers = transfer_arms(space, choices, settings.params)
     stages = [first, _stage(TRANSFER, transfers, space, ledger, costs, keep=False)]
     if space.confirm:
-        over = all(stage.cells == stage.done for stage in stages) and not ledger.damage
+        over = all(stage.cells == stage.done and not stage.taken for stage in stages) and not ledger.damage
         found = _chosen(results) if over and ledger.planned(TRANSFER) else None
         stages += _confirmation(space, settings, choices, transfers, found, ledger, costs)
     cells, left = (sum(each) for each in zip(*((s.cells, s.cells - s.done) for s in stages), strict=True))
@@ -156,6 +159,7 @@ def _confirmation(
 def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, costs: _Costs, keep: bool) -> Stage:
     sound = [arm for arm in arms if not arm.lost]
     cells = list({cell.id: cell for arm in sound for cell in arm.all_cells()}.values())
+    taken = ledger.take_over(stage, cells, keep)
     missing = [cell for cell in cells if not ledger.ended(cell, keep)]
     count, done = len(cells), len(cells) - len(missing)
     for arm in (arm for arm in sound if arm.ranges):
@@ -163,7 +167,7 @@ def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, 
         count, done = count + asked, done + min(found, asked)
         missing += arm.cells(arm.first())[:1] * max(asked - found, 0)
     low, high = costs.of(missing)
-    return Stage(stage, count, done, low, high)
+    return Stage(stage, count, done, low, high, taken)
 
 
 def _choice(ledger: Ledger, arm: Arm, keep: bool) -> SourceChoice:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from orchestrator import clock
+from orchestrator.execution.settings import LIBRARY, Reuse
 from orchestrator.planning.arms import Arm, labels_of
 from orchestrator.planning.source_choice import SourceRun
 from orchestrator.results.checked_json import DamagedError
+from orchestrator.results.other_sweeps import OtherSweeps
 from orchestrator.results.provenance import commit, versions
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Labels, Plan, Results
@@ -33,14 +35,20 @@ class Ledger:
     """Writes a sweep's records and the source library; nothing else in a driver does."""
 
     def __init__(
-        self, results: Results, retry_failed: bool, space: SearchSpace | None = None, reads_only: bool = False
+        self,
+        results: Results,
+        retry_failed: bool,
+        space: SearchSpace | None = None,
+        reads_only: bool = False,
+        reuse: Reuse = "sources",
     ) -> None:
-        """space: default that in the folder of `results`. reads_only: write nothing."""
+        """space: default that in the folder of `results`. reads_only: write nothing. reuse: what `take_over` takes."""
         self.library = SourceLibrary(results.storage)
         self.checkpoints = results.folder / "checkpoints"
         self._results = results
         self._retry_failed = retry_failed
-        self._reads_only = reads_only
+        self._reads_only, self._reuse = reads_only, reuse
+        self._others = OtherSweeps(results.storage, results.name) if reuse == "all" else None
         self._stops = (space or results.space()).search.scheduler is not None
         self._heads = results.heads()
         self.damage = results.damage()
@@ -83,10 +91,31 @@ class Ledger:
         """Return the cells of a stage known so far, those suggested by a search included."""
         return list(self._plan.get(stage, {}).values())
 
+    def take_over(self, stage: str, cells: Iterable[Cell], keep: bool) -> dict[str, int]:
+        """Copy the records of cells that have ended elsewhere in this storage; return how many came from where.
+
+        keep: only sources whose knowledge is in the library count. Cells that have a record here are left alone.
+        """
+        found = [
+            each for cell in cells if cell.id not in self._heads and (each := self._elsewhere(cell, keep)) is not None
+        ]
+        records = [record for _, record in found]
+        if self._reads_only:
+            self._heads = {**self._heads, **{record.cell.id: record.head for record in records}}
+        elif records:
+            self._results.add(*records)
+            self._plan.setdefault(stage, {}).update({record.cell.id: record.cell for record in records})
+        return dict(Counter(origin for origin, _ in found))
+
+    def _elsewhere(self, cell: Cell, keep: bool) -> tuple[str, Record] | None:
+        """Return (where it is, the record) of a cell that another sweep of this storage has finished."""
+        if not keep:
+            return self._others.find(cell) if self._others else None
+        record = self.library.record(cell.id) if self._reuse != "none" and self._has_source(cell) else None
+        return (LIBRARY, record) if record is not None and record.status == "done" else None
+
     def ended(self, cell: Cell, keep: bool = False) -> bool:
         """Return whether the cell need not run any more. keep: its knowledge must be in the library too."""
-        if keep and cell.id not in self._heads:
-            self._take_over(cell)
         head = self._heads.get(cell.id)
         if head is None:
             return False
@@ -104,16 +133,6 @@ class Ledger:
                 return False
             self._whole.add(cell.id)
         return cell.id in self._whole
-
-    def _take_over(self, cell: Cell) -> None:
-        """Copy the record of a source that another sweep in this storage has trained, if there is one."""
-        record = self.library.record(cell.id) if self._has_source(cell) else None
-        if record is None or record.status != "done":
-            return
-        if self._reads_only:
-            self._heads = {**self._heads, cell.id: record.head}
-        else:
-            self._results.add(record)
 
     def new(self, cell: Cell) -> bool:
         """Return whether the cell has ended in this run."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from orchestrator.cluster.resources import Resources
 from orchestrator.planning.arms import Params
@@ -12,6 +13,18 @@ from orchestrator.results.records.record import Record
 
 OnRecord = Callable[[str, Record], None]
 """Called with the stage and the record of each cell as it ends."""
+
+Reuse = Literal["all", "sources", "none"]
+"""What a sweep takes from others in its storage: every cell that they have finished, sources only, or nothing."""
+
+LIBRARY = "the source library"
+"""Where sources that another sweep has trained come from; other cells come from the sweep of a name."""
+
+
+def origin(where: str, count: int) -> str:
+    """Return where copied cells come from, as text: '28 cells taken from the sweep try'."""
+    place = where if where == LIBRARY else f"the sweep {where}"
+    return f"{count} cell{'' if count == 1 else 's'} taken from {place}"
 
 
 @dataclass(frozen=True)
@@ -25,6 +38,7 @@ class Settings:
     local: bool = False
     """Whether to run without Ray: in this process if `workers` is 1, else in that many worker processes."""
     retry_failed: bool = False
+    reuse: Reuse = "sources"
     checkpoint_seconds: float = 5.0
     """Seconds between the checkpoints of a long cell."""
     time_limit: float | None = None
@@ -44,13 +58,20 @@ class RunSummary:
     stopped: int = 0
     """Cells that a scheduler stopped early."""
     reused: int = 0
-    """Cells that had ended in earlier runs."""
+    """Cells that had ended in earlier runs, or elsewhere."""
+    taken: dict[str, int] = field(default_factory=dict)
+    """How many of these were copied, by the sweep that has trained them; sources: by 'the source library'."""
     training_seconds: float = 0.0
     """Summed over the cells that ran."""
     seconds: float = 0.0
     workers: int = 0
     left: int = 0
     """Cells left to run after an interruption."""
+
+    def took(self, taken: Mapping[str, int]) -> None:
+        """Count copied cells."""
+        for where, count in taken.items():
+            self.taken[where] = self.taken.get(where, 0) + count
 
     def ended(self, record: Record) -> None:
         """Count an ended cell."""

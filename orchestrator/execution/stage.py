@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from orchestrator.execution.executors.early_stopping import EarlyStopping
 from orchestrator.execution.executors.executor import Executor, StageRun, Workplace, executor
 from orchestrator.execution.executors.monitor import OutcomeSink, StageMonitor
 from orchestrator.execution.ledger import Ledger
-from orchestrator.execution.settings import OnRecord, RunSummary, Settings
+from orchestrator.execution.settings import OnRecord, RunSummary, Settings, origin
 from orchestrator.execution.work_queue import CellStatus, Pack, WorkQueue
 from orchestrator.planning.arms import Arm
 from orchestrator.results.driver_log import logging_to
@@ -47,6 +47,11 @@ class Work:
     """Whether every cell is trained to its end, whatever scheduler there is."""
     followed: bool = False
     """Whether another stage may follow."""
+
+    @property
+    def searches(self) -> bool:
+        """Whether an arm searches ranges."""
+        return any(arm.ranges for arm in self.arms)
 
 
 class Stages:
@@ -127,6 +132,12 @@ class Stages:
             self._summary.ended(record)
             self._on_record(stage, record)
 
+    def took(self, stage: str, taken: Mapping[str, int]) -> None:
+        """Count and say how many cells of a stage were copied, and from where."""
+        self._summary.took(taken)
+        for where, count in taken.items():
+            self._console.print(f"{stage}: {origin(where, count)}", soft_wrap=True)
+
     def _open(self) -> tuple[Executor, Workplace]:
         """Return the executor and its workplace, opened once."""
         if self._opened is None:
@@ -151,7 +162,7 @@ class Stages:
         deep = [cell for cell in alone if agent_named(cell.agent).kind != "tabular"]
         tabular.sort(key=lambda cell: (cell.task, cell.agent))
         return WorkQueue(
-            CellStatus(lambda cell: self._ledger.ended(cell, work.keep), self._ledger.score),
+            CellStatus(lambda cell: self._ended(work, cell), self._ledger.score),
             at_once=workplace.at_once,
             cells=[*reversed(tabular), *reversed(deep)],
             packs=packs[::-1],
@@ -159,6 +170,12 @@ class Stages:
             together=together,
             time_limit=self._settings.time_limit,
         )
+
+    def _ended(self, work: Work, cell: Cell) -> bool:
+        """Return whether a cell has ended; one that a search suggests may have ended elsewhere."""
+        if work.searches:
+            self._summary.took(self._ledger.take_over(work.stage, [cell], work.keep))
+        return self._ledger.ended(cell, work.keep)
 
     def _stopping(self, work: Work) -> EarlyStopping | None:
         settings = None if work.whole else self._space.search.scheduler

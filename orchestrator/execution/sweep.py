@@ -57,7 +57,7 @@ def run_held(
     """
     started = clock.monotonic()
     with ExitStack() as stack:
-        ledger, tally = Ledger(results, settings.retry_failed), RunSummary()
+        ledger, tally = Ledger(results, settings.retry_failed, reuse=settings.reuse), RunSummary()
         for damage in (*results.repaired, *ledger.damage):
             console.print(f"{damage}: the cells concerned run again", style="yellow", soft_wrap=True)
         sweep = _Sweep(
@@ -147,6 +147,7 @@ class _Sweep:
         tuned = [arm for arm in sound if arm.ranges]
         searched = [cell for arm in tuned for cell in ledger.searched(arm)]
         grids = [cell for arm in sound for cell in arm.all_cells()]
+        self._stages.took(stage, ledger.take_over(stage, grids, keep))
         cells = ledger.plan(stage, [*grids, *searched, *(cell for cell, _ in lost.values())], arms)
         self._tally.reused += sum(ledger.ended(cell, keep) and not ledger.new(cell) for cell in cells)
         lost = {key: lost[key] for key in lost.keys() - {cell.id for cell in (*grids, *searched)}}

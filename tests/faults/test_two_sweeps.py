@@ -26,7 +26,7 @@ def test_two_sweeps_of_one_storage_with_a_store_that_others_write_to(finished: P
     storage, file = tmp_path / "storage", tmp_path / "small.yaml"
     file.write_text(yaml.safe_dump(space(), sort_keys=False))
     deltatune = [sys.executable, "-m", "deltatune"]
-    words = ["sweep", str(file), "--storage", str(storage), "--local", "--workers", "1"]
+    words = ["sweep", str(file), "--storage", str(storage), "--local", "--workers", "1", "--reuse", "none"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     sweeps = {
         name: subprocess.Popen([*deltatune, *words, "--name", name], **pipes)  # type: ignore[call-overload]

@@ -33,6 +33,7 @@ def sweep(
     address: opt.Address = None,
     local: opt.Local = False,
     retry_failed: opt.RetryFailed = False,
+    reuse: opt.Reuse = "all",
     checkpoint_every: opt.CheckpointEvery = 5.0,
     time_limit: opt.TimeLimit = None,
     cpus_per_cell: opt.Cpus = 1.0,
@@ -46,8 +47,8 @@ def sweep(
     """Run a search space: train the sources, then every agent on every target, and compare.
 
     The same command again continues an interrupted sweep, and runs the cells that an extended search space adds; no
-    finished cell runs twice. Try `deltatune sweep demo`, or a small
-    `deltatune sweep demo --seeds 2 --set episodes=500 --name try`.
+    finished cell runs twice, and one that another sweep of the storage has finished is copied (see --reuse). Try
+    `deltatune sweep demo`, or a small `deltatune sweep demo --seeds 2 --set episodes=500 --name try`.
     """
     from orchestrator.results.sweep_folder import check_name
     from search_spaces.narrow import narrow
@@ -81,6 +82,7 @@ def sweep(
         address=address,
         local=local,
         retry_failed=retry_failed,
+        reuse=reuse,
         checkpoint_seconds=checkpoint_every,
         time_limit=time_limit,
         resources=Resources(cpus_per_cell, gpus_per_cell, memory_per_cell),
