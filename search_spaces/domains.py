@@ -10,11 +10,9 @@ Scalar = float | int | str | bool
 
 
 class Strict(BaseModel):
-    """Data that refuses unknown keys and never reads a number from text."""
+    """Data that refuses unknown keys and never reads a number from text. The strings below fields are in the schema."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class Grid(Strict):

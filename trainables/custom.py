@@ -135,6 +135,7 @@ def agent(
         raise InputError(f"the learner {learner.__name__} has no method {lacking[0]}")
     if not (isinstance(hyperparameters, type) and issubclass(hyperparameters, Hyperparameters)):  # type: ignore[redundant-expr]
         raise InputError(f"hyperparameters must be a class derived from Hyperparameters (got {hyperparameters!r})")
+    hyperparameters.model_rebuild()  # raises here, not at first use, where its types are not pydantic's
     return Agent(
         "custom", _first_line(learner), hyperparameters, base, learner, kind, shown=tuple(shown), plots=tuple(plots)
     )

@@ -83,16 +83,7 @@ def _tracked(tracker: Tracker) -> dict[str, Any]:
 def _print_report(
     results: Results, tally: RunSummary, published: Published, tracker: Tracker | None, after: float
 ) -> None:
-    chosen = [selected.best for selected in published.findings.selected.values()]
-    incomplete = [group for group in published.findings.groups if not group.complete]
-    out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds"))
-    if confirmed := [group for group in chosen if group.confirmed]:
-        out.print(confirmed_table(confirmed))
-    if said := optimism(chosen):
-        out.print(said, soft_wrap=True, style="yellow")
-    print_contrasts(published.findings)
-    if incomplete:
-        out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
+    _print_tables(published.findings)
     total = tally.seconds + after
     share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
     stopped = f", {tally.stopped} stopped early" if tally.stopped else ""
@@ -108,16 +99,36 @@ def _print_report(
         out.print(f"Figure:   {path}", soft_wrap=True)
     if published.best:
         out.print(f"Best:     {published.best}", soft_wrap=True)
-    if tracker and tracker.error:
+    if tracker:
+        _print_copy(results, tracker)
+
+
+def _print_tables(findings: Findings) -> None:
+    """Print the best configurations, what their confirmation says, and those that are incomplete."""
+    chosen = [selected.best for selected in findings.selected.values()]
+    out.print(group_table(chosen, "Best configuration of each agent, by mean AUC over seeds"))
+    if confirmed := [group for group in chosen if group.confirmed]:
+        out.print(confirmed_table(confirmed))
+    if said := optimism(chosen):
+        out.print(said, soft_wrap=True, style="yellow")
+    print_contrasts(findings)
+    if incomplete := [group for group in findings.groups if not group.complete]:
+        out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
+
+
+def _print_copy(results: Results, tracker: Tracker) -> None:
+    """Print where the tracker's copy is, or the command that completes it."""
+    sync = f"{program()} sync {results.name} --storage {results.storage}"
+    if tracker.error:
         print_named(
             "MLflow is incomplete" if tracker.kind.has_registry else f"{tracker.uri} is incomplete",
             f"{tracker.error}. The results are complete; once it is reachable again:",
             "yellow",
         )
         where = "" if tracker.kind.has_registry else f" --tracking-uri {tracker.uri}"
-        out.print(f"          {program()} sync {results.name} --storage {results.storage}{where}", soft_wrap=True)
-    elif tracker and (said := without_registry(tracker.uri)):
+        out.print(f"          {sync}{where}", soft_wrap=True)
+    elif said := without_registry(tracker.uri):
         out.print(f"Copy:     {tracker.parent}", soft_wrap=True)
-        out.print(f"          {said}: {program()} sync {results.name} --storage {results.storage}", soft_wrap=True)
-    elif tracker:
+        out.print(f"          {said}: {sync}", soft_wrap=True)
+    else:
         out.print(f"MLflow:   {program()} ui --storage {results.storage}", soft_wrap=True)

@@ -74,8 +74,6 @@ class OverTasks:
     """A sweep over all tasks that have reference values."""
 
     tasks: tuple[str, ...]
-    without_reference: tuple[str, ...]
-    """Target tasks that the search space has no reference values for."""
     standings: tuple[Standing, ...]
     left_out: tuple[Entrant, ...]
     """What has no best configuration on some of the tasks."""
@@ -106,7 +104,6 @@ def over_tasks(best: Sequence[Group], cells: pd.DataFrame, references: Reference
     frames = {str(name): frame for name, frame in done.groupby("group")} if len(done) else {}
     return OverTasks(
         tuple(known),
-        tuple(task for task in named if task not in known),
         tuple(_standing(entrant, found, frames, known) for entrant, found in whole.items()),
         tuple(entrant for entrant in entrants if entrant not in whole),
     )

@@ -72,9 +72,6 @@ deltatune restore FOLDER {sweep}           # write a sweep's records into result
 ```"""
 
 
-COUNTED = ("sweep", "task", "agent", "source", "cells", "seeds", "sources")
-
-
 def _counts(cells: pd.DataFrame) -> Iterable[tuple[object, ...]]:
     keys = ["sweep", "task", "agent", "source"]
     for key, group in cells.groupby(keys, sort=True):

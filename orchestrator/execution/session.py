@@ -6,7 +6,7 @@ import logging
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,12 +129,14 @@ class SweepSession:
         if known or isinstance(error, InputError) or not isinstance(error, Exception | KeyboardInterrupt):
             return
         log.error("the sweep has failed", exc_info=error)
-        with suppress(Exception):
+        try:
             there = len(self.results.heads())
             self._console.print(
                 f"{there} finished cells are kept in {self.results.folder}; the same command continues from there",
                 soft_wrap=True,
             )
+        except Exception as unsaid:  # the error itself matters more
+            log.info("where the results are was not said: %s", unsaid)
 
     def _end(self, status: str) -> None:
         """Set the tracker's status, once, unless another driver has taken over the sweep."""

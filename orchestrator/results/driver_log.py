@@ -64,7 +64,7 @@ class _DriverLog(logging.Handler):
 
 
 class LogFile:
-    """Appends lines with their time. Errors in writing are ignored."""
+    """Appends lines with their time. Errors in writing are ignored: there is nowhere to log them."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / FILE
@@ -92,7 +92,7 @@ class LogFile:
         self._put = time.monotonic()
         try:
             self._path.write_text("\n".join(self._lines[-KEPT_LINES:]) + "\n")
-        except OSError:
+        except Exception:  # each kind of storage raises different errors
             return
 
 

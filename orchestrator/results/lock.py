@@ -6,24 +6,26 @@ Readers never take the lock: they read who the driver is and whether it is alive
 from __future__ import annotations
 
 import json
+import logging
 import os
 import threading
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import filelock
-
 from orchestrator import clock
 from orchestrator.errors import LeaseLostError, LeaseUnknownError
+from orchestrator.results.processes import machine, runs, started_at
 from trainables.errors import InputError
 from trainables.storage import disk
 from trainables.storage.atomic import write_atomic
 from trainables.storage.paths import is_local
+
+log = logging.getLogger("deltatune.lock")
 
 LOCK, DRIVER = ".lock", ".driver.json"
 """Files in a sweep's folder: the lock of the driver, and the driver's identity."""
@@ -143,12 +145,16 @@ def _held(folder: Path, lock: str, file: str, what: str, on_lost: Callable[[], N
         finally:
             gone.set()
             keeper.join()
-            with suppress(Exception):  # an unreachable storage: the lease expires in a minute
+            try:
                 hold.remove()
+            except Exception as error:  # an unreachable storage: the lease expires in a minute
+                log.info("the lock in %s is not removed: %s", folder, error)
 
 
 @contextmanager
 def _file_lock(folder: Path, name: str, file: str, what: str) -> Iterator[Hold]:
+    import filelock
+
     lock = filelock.FileLock(folder / name, thread_local=False)  # one thread takes it, another may free it
     try:
         lock.acquire(timeout=0)
@@ -194,60 +200,33 @@ def _changes(folder: Path, file: str, before: Who) -> bool:
 def _keep(hold: Hold, gone: threading.Event, on_lost: Callable[[], None]) -> None:
     """Send heartbeats as long as the holder has the lease."""
     while not clock.wait(gone, LEASE_SECONDS / 4):
-        with suppress(Exception):  # the storage is unreachable for a moment
+        try:
             hold.beat()
             if hold.lost:
                 on_lost()
                 return
+        except Exception as error:  # the storage is unreachable for a moment
+            log.info("no heartbeat in %s: %s", hold.folder, error)
 
 
 def _me() -> Who:
     now = clock.time()
-    me = {"pid": os.getpid(), "host": os.uname().nodename, "machine": _machine(), "started": _started(os.getpid())}
+    me = {"pid": os.getpid(), "host": os.uname().nodename, "machine": machine(), "started": started_at(os.getpid())}
     return me | {"since": now, "alive": now, "token": uuid.uuid4().hex}
 
 
 def _alive(who: Who) -> bool:
     """Return whether a holder is alive: by its process if it is on this machine, else by its heartbeat."""
     if _here(who):
-        return _runs(int(who.get("pid", 0)), who.get("started"))
+        return runs(int(who.get("pid", 0)), who.get("started"))
     return abs(clock.time() - float(who.get("alive", 0))) < LEASE_SECONDS
 
 
 def _here(who: Who) -> bool:
     """Return whether a holder's process would be visible to this process."""
     if "machine" in who:
-        return bool(who["machine"] == _machine())
+        return bool(who["machine"] == machine())
     return who.get("host") == os.uname().nodename
-
-
-@lru_cache(maxsize=1)
-def _machine() -> str:
-    """Return an identifier of this boot of the machine and of the container, since host names are not unique."""
-    parts = [os.uname().nodename]
-    with suppress(OSError):
-        parts.append(Path("/proc/sys/kernel/random/boot_id").read_text().strip())
-        parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
-    return ":".join(parts)
-
-
-def _started(pid: int) -> str | None:
-    """Return a process's start time in the system's units; empty for a dead process, None where it is unknown."""
-    with suppress(OSError, IndexError):
-        state, *fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-        return "" if state in "ZX" else fields[18]
-    return None
-
-
-def _runs(pid: int, started: str | None) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
-    now = _started(pid)
-    return started is None or now is None or started == now
 
 
 def _taken(what: str, who: Who | None) -> InputError:

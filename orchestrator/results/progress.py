@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -11,6 +12,8 @@ from orchestrator.results.records.record import Record
 from trainables.curve import auc
 from trainables.plugins.names import short
 from trainables.storage.atomic import write_atomic
+
+log = logging.getLogger("deltatune.results")
 
 FILE = ".progress.json"
 
@@ -138,11 +141,11 @@ class Progress:
 
 
 def write(folder: Path, snapshot: Snapshot) -> None:
-    """Write a snapshot to the sweep's folder; errors are ignored, since it is no result."""
+    """Write a snapshot to the sweep's folder; errors are logged and ignored, since it is no result."""
     try:
         write_atomic(folder / FILE, json.dumps(asdict(snapshot)).encode())
-    except OSError:
-        return
+    except Exception as error:  # each kind of storage raises different errors
+        log.info("the progress cannot be written to %s: %s", folder, error)
 
 
 def read(folder: Path) -> Snapshot | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+import logging
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,8 @@ from orchestrator.tracking.uri import shown
 if TYPE_CHECKING:
     from orchestrator.analysis.findings import Findings
 
+log = logging.getLogger("deltatune.tracking")
+
 
 def sync(findings: Findings, uri: str, artifacts: Iterable[Path], backend: TrackingBackend | None = None) -> str:
     """Write what is missing, replace what has changed, and return the copy's name (in MLflow, the parent run's id)."""
@@ -27,8 +29,10 @@ def sync(findings: Findings, uri: str, artifacts: Iterable[Path], backend: Track
                 backend.write_cell(stage, head, partial(results.log.record, cell.id))
         backend.finish(findings, artifacts)
     except BaseException:
-        with contextlib.suppress(Exception):  # an unreachable store
+        try:
             backend.end("FAILED")
+        except Exception as error:  # an unreachable store
+            log.info("the sweep's status is not written to %s: %s", shown(uri), error)
         raise
     return backend.parent
 

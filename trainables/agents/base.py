@@ -16,9 +16,12 @@ Count = Annotated[int, Field(ge=1, le=1_000_000_000)]
 
 
 class Hyperparameters(BaseModel):
-    """The hyperparameters that every agent has. Unknown keys and wrong types are refused; text is no number."""
+    """The hyperparameters that every agent has. Unknown keys and wrong types are refused; text is no number.
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
+    The string below a field says what it means (`search_spaces.field_docs`).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
     unwritten: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     """Hyperparameters added later, with the value that earlier cells had, which a cell's JSON omits."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import logging
 import os
 import re
 import shutil
@@ -25,6 +26,8 @@ import numba
 from platformdirs import user_cache_path
 
 F = TypeVar("F", bound=Callable[..., object])
+
+log = logging.getLogger("deltatune.numerics")
 
 MAX_UNUSED_DAYS = 30
 """Days after which unused kernels of another version are removed."""
@@ -59,7 +62,8 @@ def _cache_folder() -> str | None:
         with tempfile.TemporaryFile(dir=folder):
             pass
         os.utime(folder)  # marks it as used now
-    except OSError:
+    except OSError as error:
+        log.info("compiled kernels are not kept: %s", error)
         return None
     _remove_unused(folder)
     return str(folder)

@@ -5,7 +5,6 @@ An executor of the orchestrator calls `run_pack`: in its own process, in another
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 import time
@@ -196,8 +195,10 @@ class StopFile:
         """Return whether to stop."""
         if self._path is not None and not self._there and time.monotonic() - self._looked >= self._every:
             self._looked = time.monotonic()
-            with contextlib.suppress(Exception):  # an unreachable storage is no reason to stop
+            try:
                 self._there = self._path.exists()
+            except Exception as error:  # an unreachable storage is no reason to stop
+                log.info("cannot look for %s: %s", self._path, error)
         return self._there
 
 

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from deltatune.cli.app import CATALOGUE_PANEL, Json, app, out, print_json, print_named, program
+from deltatune.cli.catalogue_data import agent_data, plain, set_by_task, task_data
 from deltatune.cli.sheet import table
 
 if TYPE_CHECKING:
     from trainables.agents.agent import Agent
     from trainables.delta.bounds import Bounds
-    from trainables.tasks.spec.family import Task, TaskFamily, Value
+    from trainables.tasks.spec.family import TaskFamily
 
 
 @app.command(rich_help_panel=CATALOGUE_PANEL)
@@ -37,9 +38,9 @@ def tasks(
 
     if name is not None:
         task = parse_task(canonicalise(name))
-        used = _used(task)
+        used = set_by_task(task)
         if as_json:
-            context = {key: _json(value) for key, value in task.context.items()}
+            context = {key: plain(value) for key, value in task.context.items()}
             print_json(task_data(task.family) | {"context": context, "used": used})
             return
         _print_task(task_data(task.family))
@@ -64,23 +65,6 @@ def _print_task(family: Mapping[str, Any]) -> None:
     out.print(f"target tasks: {', '.join(family['paper_targets']) or '-'}\n", soft_wrap=True)
 
 
-def _used(task: Task) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return, for each agent that can learn the task, what the task sets: {hyperparameter: value and default}."""
-    from trainables.agents.registry import agents as registered
-
-    kind = "tabular" if task.tabular else "deep"
-    return {name: _set_by(task, agent) for name, agent in registered().items() if agent.kind == kind}
-
-
-def _set_by(task: Task, agent: Agent) -> dict[str, dict[str, Any]]:
-    fields, values = agent.hyperparameters.model_fields, agent.resolve(task, {}).model_dump()
-    return {
-        key: {"value": value, "default": fields[key].default}
-        for key, value in values.items()
-        if value != fields[key].default
-    }
-
-
 def _texts(values: Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:
     """Return the values and the defaults that they replace, as 'name=value, ...'."""
     sides = (", ".join(f"{name}={pair[side]}" for name, pair in values.items()) for side in ("value", "default"))
@@ -103,11 +87,11 @@ def agents(
     if name is not None:
         _show_agent(agent_named(canonicalise(name)), as_json)
         return
-    data = [agent_data(agent) for agent in registered().values()]
+    found = registered().values()
     if as_json:
-        print_json(data)
+        print_json([agent_data(agent) for agent in found])
         return
-    rows = [(each["name"], each["kind"], each["compared_with"] or "-", each["description"]) for each in data]
+    rows = [(agent.name, agent.kind, agent.base or "-", agent.description) for agent in found]
     out.print(table(("agent", "kind", "compared with", "what it does"), rows))
     out.print(f"Hyperparameters and their values: {program()} agents NAME", soft_wrap=True)
 
@@ -216,41 +200,3 @@ def bounds_sentences(found: Bounds) -> Iterable[str]:
         f"- Theorem 3 {holds[found.theorem3_holds]}: following the source's policy in the target task stays within its "
         f"bounds, nowhere closer to one than {found.theorem3_slack:.4g}."
     )
-
-
-def task_data(family: TaskFamily) -> dict[str, Any]:
-    """Return a task family as plain data."""
-    return {
-        "name": family.name,
-        "description": family.description,
-        "tabular": family.model is not None,
-        "features": [
-            {
-                "name": feature.name,
-                "default": _json(feature.default),
-                "description": feature.description,
-                "named_values": {name: _json(value) for name, value in feature.named.items()},
-            }
-            for feature in family.features
-        ],
-        "paper_targets": list(family.targets),
-        "paper_hyperparameters": dict(family.defaults),
-    }
-
-
-def agent_data(agent: Agent) -> dict[str, Any]:
-    """Return an agent as plain data."""
-    fields = agent.hyperparameters.model_fields
-    return {
-        "name": agent.name,
-        "description": agent.description,
-        "kind": agent.kind,
-        "compared_with": agent.base,
-        "hyperparameters": [
-            {"name": name, "default": field.default, "description": field.description} for name, field in fields.items()
-        ],
-    }
-
-
-def _json(value: Value) -> Any:
-    return list(value) if isinstance(value, tuple) else value

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, TrackingUri, app, err, out, print_json
+
+if TYPE_CHECKING:
+    from dashboards.play.episode import Episode
 
 
 @app.command(rich_help_panel=RESULT_PANEL)
@@ -59,13 +62,18 @@ def play(
     )
     episodes, images = play_episodes(found.task, found.actors, seed)
     write(images, output)
-    data = [
-        {"title": each.title, "return": each.returns[-1], "steps": each.steps, "terminated": each.terminated}
-        for each in episodes
-    ]
     if as_json:
-        print_json({"file": str(output), "task": found.task.name, "episodes": data})
+        print_json({"file": str(output), "task": found.task.name, "episodes": [_data(each) for each in episodes]})
         return
-    for each in data:
-        out.print(f"{each['title']}: return {each['return']:.4g} in {each['steps']} steps", soft_wrap=True)
+    for each in episodes:
+        out.print(f"{each.title}: return {each.returns[-1]:.4g} in {each.steps} steps", soft_wrap=True)
     out.print(f"Film:     {output}", soft_wrap=True)
+
+
+def _data(episode: Episode) -> dict[str, Any]:
+    return {
+        "title": episode.title,
+        "return": episode.returns[-1],
+        "steps": episode.steps,
+        "terminated": episode.terminated,
+    }

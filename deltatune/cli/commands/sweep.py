@@ -11,6 +11,7 @@ from deltatune.cli import options as opt
 from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, TrackingUri, app, err, progress_console
 
 if TYPE_CHECKING:
+    from orchestrator.execution.session import SweepSession
     from orchestrator.execution.settings import Settings
     from orchestrator.planning.arms import Params
     from search_spaces.search_space import SearchSpace
@@ -55,13 +56,9 @@ def sweep(
 
     if name is not None:
         check_name(name)
+    fixed = _settings(settings or [])
     chosen = narrow(
-        wanted_space(space),
-        tasks=task or (),
-        agents=agent or (),
-        seeds=seeds,
-        confirm=confirm,
-        hyperparameters=_settings(settings or []),
+        wanted_space(space), tasks=task or (), agents=agent or (), seeds=seeds, confirm=confirm, hyperparameters=fixed
     )
     name, console = name or chosen.name, progress_console(context, as_json)
     with console.status(_summary(name, chosen)):
@@ -102,12 +99,17 @@ def sweep(
 
         check_address(address)
     with SweepSession.open(storage, name, chosen, sources=sources, tracking_uri=uri, console=console) as session:
-        tally = session.run(how, meanwhile=_load_report)
-        from deltatune.cli.sweep_report import interrupted, report
+        _run(session, how, as_json)
 
-        if tally.left:
-            interrupted(session, tally, as_json)
-        report(session, tally, as_json)
+
+def _run(session: SweepSession, how: Settings, as_json: bool) -> None:
+    """Run the missing cells of a sweep; publish and print what it found, or that it was interrupted."""
+    tally = session.run(how, meanwhile=_load_report)
+    from deltatune.cli.sweep_report import interrupted, report
+
+    if tally.left:
+        interrupted(session, tally, as_json)
+    report(session, tally, as_json)
 
 
 def _settled(params: Path | None) -> Params:

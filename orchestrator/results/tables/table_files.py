@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,6 +16,8 @@ from trainables.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+log = logging.getLogger("deltatune.results")
 
 CELLS, POINTS, TABLES = "cells.parquet", "points.parquet", "tables.json"
 """The tables, and the file with their digests."""
@@ -51,7 +54,8 @@ class TableFiles:
             return _read(self.folder)
         try:
             return self.write()
-        except OSError:
+        except OSError as error:
+            log.info("the tables are built in a temporary folder: %s", error)
             with tempfile.TemporaryDirectory(prefix="deltatune-") as folder:
                 self._build(Path(folder))
                 return _read(Path(folder))

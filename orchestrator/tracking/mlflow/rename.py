@@ -6,7 +6,7 @@ from mlflow.entities import RunTag
 
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow.experiment import FAMILY
-from orchestrator.tracking.mlflow.mirror import sweep_id
+from orchestrator.tracking.mlflow.runs import sweep_id
 from orchestrator.tracking.mlflow.store import connect
 from orchestrator.tracking.trackers import MLFLOW
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import threading
 import time
@@ -201,3 +202,29 @@ def test_an_object_store_is_asked_little(bucket: Path, monkeypatch: pytest.Monke
     for seed in range(10):
         assert log.record(record(seed).cell.id) == record(seed)
     assert asked.count("cat_file") <= 10, "a GET for each segment, not for each record"
+
+
+def test_a_heartbeat_that_does_not_arrive_is_in_the_log_and_the_next_one_is_sent(
+    bucket: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    write, sent = lock._write, threading.Event()
+
+    def flaky(folder: Path, file: str, who: lock.Who) -> None:
+        if not caplog.text:
+            raise RuntimeError("the bucket does not answer")
+        write(folder, file, who)
+        sent.set()
+
+    with caplog.at_level(logging.INFO, "deltatune"), locked(bucket):
+        monkeypatch.setattr(lock, "_write", flaky)
+        assert sent.wait(5)
+    assert f"no heartbeat in {bucket}: the bucket does not answer" in caplog.text
+    assert driver(bucket) is None
+
+
+def test_a_lock_that_cannot_be_removed_is_in_the_log(
+    bucket: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO, "deltatune"), locked(bucket):
+        monkeypatch.setattr(lock.disk, "remove", lambda path: 1 / 0)
+    assert f"the lock in {bucket} is not removed: division by zero" in caplog.text

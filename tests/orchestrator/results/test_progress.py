@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import logging
+from pathlib import Path
+
+import pytest
+
+from orchestrator.results import driver_log, progress
 from orchestrator.results.progress import Progress
 from orchestrator.results.records.record import Record
 from trainables import curve
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
+from trainables.storage.paths import storage_path
 
 
 def ended(task: str, value: float, agent: str = "q_learning") -> Record:
@@ -26,11 +33,40 @@ def ended(task: str, value: float, agent: str = "q_learning") -> Record:
 
 
 def test_the_best_auc_is_of_one_task() -> None:
-    progress = Progress("transfer", 4)
-    assert progress.snapshot().best == ""
+    stage = Progress("transfer", 4)
+    assert stage.snapshot().best == ""
     for task, value in (("cartpole", 200.0), ("acrobot", -90.0), ("acrobot", -300.0)):
-        progress.ended(ended(task, value, "dqn"))
+        stage.ended(ended(task, value, "dqn"))
     # 200 in CartPole says nothing of Acrobot
-    assert progress.snapshot().best == "best AUC on acrobot: -90.0 (dqn)"
-    progress.ended(ended("cartpole", 10.0, "dqn"))
-    assert progress.snapshot().best == "best AUC on cartpole: 200.0 (dqn)"
+    assert stage.snapshot().best == "best AUC on acrobot: -90.0 (dqn)"
+    stage.ended(ended("cartpole", 10.0, "dqn"))
+    assert stage.snapshot().best == "best AUC on cartpole: 200.0 (dqn)"
+
+
+class ConnectTimeoutError(Exception):
+    """What a client of an object store raises: no OSError."""
+
+
+def away(*_: object, **__: object) -> None:
+    raise ConnectTimeoutError("the bucket does not answer")
+
+
+def test_a_storage_that_is_away_costs_the_progress_and_the_log_not_the_sweep(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    bucket = storage_path("memory://deltatune/away")
+    monkeypatch.setattr(progress, "write_atomic", away)
+    with driver_log.logging_to(bucket):
+        monkeypatch.setattr(type(bucket), "write_text", away)
+        progress.write(bucket, Progress("transfer", 4).snapshot())
+        logging.getLogger("deltatune.results").info("something else")
+    assert "the progress cannot be written to memory://deltatune/away: the bucket does not answer" in caplog.text
+
+
+def test_a_disk_that_cannot_be_written_to_costs_the_progress_alone(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").touch()
+    with caplog.at_level(logging.INFO, driver_log.LOGGER):
+        progress.write(tmp_path / "file", Progress("transfer", 4).snapshot())
+    assert "the progress cannot be written to" in caplog.text

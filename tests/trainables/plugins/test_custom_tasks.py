@@ -244,6 +244,17 @@ def test_an_agent_that_is_none_is_refused(learner: type, settings: Any, says: st
         agent(learner, settings)
 
 
+def test_hyperparameters_of_a_type_that_cannot_be_checked_are_refused_when_the_agent_is_made(tmp_path: Path) -> None:
+    """Not by the first cell, though the checks of a class are built when it is first used."""
+    (tmp_path / "odd.py").write_text(
+        "from trainables.agents.hyperparameters import QLearning\nfrom trainables.custom import agent\n"
+        "from trainables.learners.step_learner import StepLearner\n\n\nclass Thing:\n    pass\n\n\n"
+        "class Odd(QLearning):\n    thing: Thing = Thing()\n\n\nAgent = agent(StepLearner, Odd)\n"
+    )
+    with pytest.raises(InputError, match=r"odd\.py:14: PydanticSchemaGenerationError"):
+        load(f"{tmp_path / 'odd.py'}:Agent")
+
+
 def test_an_agents_name_says_where_it_is_from_and_bad_ones_are_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "from trainables.agents.hyperparameters import QLearning, Transfer\n"
