@@ -8,7 +8,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dashboards.style import rank
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.labels import settings_text, varied
+from orchestrator.analysis.labels import settings as to_show
+from orchestrator.analysis.labels import settings_text
 from trainables.plugins.names import short
 
 SOURCES = {"learned": "learned source", "exact": "exact source"}
@@ -24,9 +25,8 @@ def targets(findings: Findings) -> list[str]:
 
 
 def settings(group: Group, hide: Collection[str] = ()) -> str:
-    """Return a group's hyperparameters that differ from its agent's defaults, without those in `hide`, as text."""
-    changed = varied(group.agent, group.task, group.hyperparameters)
-    shown = {name: value for name, value in changed.items() if name not in hide}
+    """Return a group's tuned hyperparameters and those that are no defaults, without those in `hide`, as text."""
+    shown = {name: value for name, value in to_show(group).items() if name not in hide}
     return settings_text(shown) if shown else ""
 
 

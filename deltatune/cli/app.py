@@ -7,9 +7,11 @@ import logging
 import os
 import shutil
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import click
 import typer
 from rich.console import Console
 from rich.text import Text
@@ -18,11 +20,12 @@ from typer.core import TyperGroup
 from trainables.storage.paths import storage_path
 
 if TYPE_CHECKING:
+    from orchestrator.analysis.findings import Findings
     from orchestrator.results.sweep_folder import Results
 
 ORDER = (
     *("sweep", "status", "list", "watch", "logs", "compare", "replay", "mv", "rm"),
-    *("report", "contrast", "export", "play", "ui", "sync", "publish", "restore"),
+    *("report", "contrast", "importance", "export", "play", "ui", "sync", "publish", "restore"),
     *("tasks", "agents", "spaces", "bounds", "sources", "rank"),
     *("check", "init"),
     *("submit",),
@@ -123,7 +126,10 @@ def options(
     context: typer.Context,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, only results and errors.")] = False,
     verbose: Annotated[
-        int, typer.Option("-v", "--verbose", count=True, metavar="", help="Show the log; -vv its details too.")
+        int,
+        typer.Option(
+            "-v", "--verbose", count=True, metavar="", show_default=False, help="Show the log; -vv its details too."
+        ),
     ] = 0,
     version: Annotated[
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version and its commit.")
@@ -145,6 +151,22 @@ def progress_console(context: typer.Context, as_json: bool) -> Console:
     if (context.obj or {}).get("quiet"):
         return Console(quiet=True)
     return err if as_json else out
+
+
+def busy(text: str) -> AbstractContextManager[object]:
+    """Show on a terminal what a command is doing until its block ends; nothing with --quiet."""
+    context = click.get_current_context(silent=True)
+    quiet = context is not None and (context.find_root().obj or {}).get("quiet")
+    return nullcontext() if quiet else err.status(text)
+
+
+def findings_of(storage: Path, name: str) -> Findings:
+    """Return a sweep's findings, after a warning for each damaged part of its records."""
+    with busy(f"reading {name}"):
+        from orchestrator.analysis.findings import find
+        from orchestrator.results.sweep_folder import Results
+
+        return find(warn_of_damage(Results.open(storage, name)))
 
 
 def program() -> str:

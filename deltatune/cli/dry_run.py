@@ -10,7 +10,7 @@ from deltatune.cli.sheet import table
 from deltatune.cli.tables import duration, span
 from orchestrator.cluster.resources import local_cpus
 from orchestrator.execution.forecast import forecast
-from orchestrator.execution.settings import Settings, origin
+from orchestrator.execution.settings import Settings, origins
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
 from trainables.plugins.names import short
@@ -27,8 +27,8 @@ def print_forecast(space: SearchSpace, settings: Settings, folder: Path, as_json
     stages = [(s.stage, str(s.cells), str(s.done), span(s.low, s.high) if s.high else "-") for s in found.stages]
     out.print(table(("stage", "cells", "already done", "the rest, on one core"), stages))
     for stage in found.stages:
-        for where, count in stage.taken.items():
-            out.print(f"{stage.stage}: {origin(where, count)}", soft_wrap=True)
+        if stage.taken:
+            out.print(f"{stage.stage}: {origins(stage.taken)}", soft_wrap=True)
     if found.costs:
         costs = [(short(c.task), short(c.agent), span(c.low, c.high), c.origin) for c in found.costs]
         out.print(table(("task", "agent", "an episode", "estimated from"), costs))

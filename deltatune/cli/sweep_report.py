@@ -15,7 +15,7 @@ from orchestrator.analysis.contrasts.table import caption
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.selection import optimism
 from orchestrator.execution.session import SweepSession
-from orchestrator.execution.settings import RunSummary, origin
+from orchestrator.execution.settings import RunSummary, origins
 from orchestrator.export.best_params import best
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.tracker import Tracker
@@ -87,7 +87,7 @@ def _print_report(
     total = tally.seconds + after
     share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
     stopped = f", {tally.stopped} stopped early" if tally.stopped else ""
-    taken = "".join(f" ({origin(where, count)})" for where, count in tally.taken.items())
+    taken = f" ({origins(tally.taken)})" if tally.taken else ""
     out.print(
         f"{tally.ran} cells run ({tally.failed} failed{stopped}), {tally.reused} reused{taken}; {total:.0f} s, "
         f"{share:.0f} % of it overhead."

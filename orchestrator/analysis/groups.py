@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -99,6 +99,8 @@ class Group:
     """The comparison with the agent without transfer, corrected for all comparisons of the sweep; None outside them."""
     tried: int = 1
     """Number of configurations it was chosen from by the seeds that judge it; 1 where it was not chosen."""
+    tuned: frozenset[str] = frozenset()
+    """Hyperparameters in which the configurations of its arm differ."""
     source_label: str = ""
     """`source`, with source task and pick where the sweep has several sources for the task and agent."""
 
@@ -155,8 +157,16 @@ def groups(cells: pd.DataFrame) -> list[Group]:
         if (first := frame.iloc[0])["source"] == "none"
     }
     found = [_group(key, frame, values[key], bases) for key, frame in frames.items()]
-    arms = {group.key for group in found}
-    return [replace(group, source_label=_source_label(group, arms)) for group in found]
+    arms: dict[Key, list[Values]] = {}
+    for group in found:
+        arms.setdefault(group.key, []).append(group.hyperparameters)
+    tuned = {key: _differing(every) for key, every in arms.items()}
+    return [replace(group, source_label=_source_label(group, arms), tuned=tuned[group.key]) for group in found]
+
+
+def _differing(every: Sequence[Values]) -> frozenset[str]:
+    """Return the names whose values are not the same everywhere."""
+    return frozenset(name for name, value in every[0].items() if any(other.get(name) != value for other in every))
 
 
 def _source_label(group: Group, arms: Collection[Key]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from orchestrator.analysis.groups import Group
@@ -13,11 +13,17 @@ from trainables.plugins.names import short
 from trainables.tasks.registry import parse_task
 
 
-def varied(agent: str, task: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the hyperparameters that differ from the agent's defaults for the task, and those that define it."""
+def settings(group: Group) -> dict[str, Any]:
+    """Return a configuration's hyperparameters to show: those that were tuned, and what `varied` returns."""
+    return varied(group.agent, group.task, group.hyperparameters, group.tuned)
+
+
+def varied(agent: str, task: str, values: Mapping[str, Any], also: Collection[str] = ()) -> dict[str, Any]:
+    """Return the hyperparameters that are no defaults of the agent for the task, that define it, or are in `also`."""
     named = agent_named(agent)
     default = named.resolve(parse_task(task), {}).model_dump()
-    return {name: value for name, value in values.items() if value != default.get(name) or name in named.shown}
+    always = {*named.shown, *also}
+    return {name: value for name, value in values.items() if value != default.get(name) or name in always}
 
 
 def settings_text(values: Mapping[str, Any]) -> str:
@@ -43,14 +49,16 @@ def cell_name(cell: Cell) -> str:
 
 def group_name(group: Group) -> str:
     """Return a configuration's readable name."""
-    name = configuration_name(group.task, group.agent, group.source_label, group.hyperparameters)
+    name = configuration_name(group.task, group.agent, group.source_label, group.hyperparameters, group.tuned)
     return f"{name} / unseen seeds" if group.stage in CONFIRMATION else name
 
 
-def configuration_name(task: str, agent: str, source: str, hyperparameters: Mapping[str, Any]) -> str:
+def configuration_name(
+    task: str, agent: str, source: str, hyperparameters: Mapping[str, Any], tuned: Collection[str] = ()
+) -> str:
     """Return the same from its parts; what distinguishes the task comes first, since columns are narrow."""
     part = task.partition(":")[2] if ".py" not in task else ""
-    text = settings_text(varied(agent, task, hyperparameters)).replace("=", " ")
+    text = settings_text(varied(agent, task, hyperparameters, tuned)).replace("=", " ")
     parts = [run_name(part or task), run_name(agent), run_name(source) if source != "none" else "", text]
     return " / ".join(part for part in parts if part and part != "-")
 
@@ -61,8 +69,8 @@ def run_name(task: str) -> str:
 
 
 def shared(groups: Sequence[Group]) -> dict[str, Any]:
-    """Return the non-default hyperparameters that all groups share."""
-    every = [varied(group.agent, group.task, group.hyperparameters) for group in groups]
+    """Return the hyperparameters to show that all groups share."""
+    every = [settings(group) for group in groups]
     if len(every) < 2:
         return {}
     return {name: value for name, value in every[0].items() if all(other.get(name) == value for other in every)}

@@ -21,10 +21,10 @@ LIBRARY = "the source library"
 """Where sources that another sweep has trained come from; other cells come from the sweep of a name."""
 
 
-def origin(where: str, count: int) -> str:
-    """Return where copied cells come from, as text: '28 cells taken from the sweep try'."""
-    place = where if where == LIBRARY else f"the sweep {where}"
-    return f"{count} cell{'' if count == 1 else 's'} taken from {place}"
+def origins(taken: Mapping[str, int]) -> str:
+    """Return where copied cells come from, as text: '2 taken from the source library, 28 from the sweep try'."""
+    places = [f"{n:,} from {where if where == LIBRARY else f'the sweep {where}'}" for where, n in taken.items()]
+    return ", ".join(places).replace(" from", " taken from", 1)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from orchestrator.execution.executors.early_stopping import EarlyStopping
 from orchestrator.execution.executors.executor import Executor, StageRun, Workplace, executor
 from orchestrator.execution.executors.monitor import OutcomeSink, StageMonitor
 from orchestrator.execution.ledger import Ledger
-from orchestrator.execution.settings import OnRecord, RunSummary, Settings, origin
+from orchestrator.execution.settings import OnRecord, RunSummary, Settings, origins
 from orchestrator.execution.work_queue import CellStatus, Pack, WorkQueue
 from orchestrator.planning.arms import Arm
 from orchestrator.results.driver_log import logging_to
@@ -135,8 +135,8 @@ class Stages:
     def took(self, stage: str, taken: Mapping[str, int]) -> None:
         """Count and say how many cells of a stage were copied, and from where."""
         self._summary.took(taken)
-        for where, count in taken.items():
-            self._console.print(f"{stage}: {origin(where, count)}", soft_wrap=True)
+        if taken:
+            self._console.print(f"{stage}: {origins(taken)}", soft_wrap=True)
 
     def _open(self) -> tuple[Executor, Workplace]:
         """Return the executor and its workplace, opened once."""

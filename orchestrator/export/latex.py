@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.labels import settings_text, varied
+from orchestrator.analysis.labels import settings, settings_text
 from orchestrator.analysis.metrics import Metric, present, signed
 from orchestrator.analysis.selection import optimism
 from orchestrator.analysis.statistics import LEVEL
@@ -51,11 +51,11 @@ def table_1(findings: Findings) -> str:
 
 
 def _row(group: Group, paper: bool, metrics: Sequence[Metric]) -> list[str]:
-    settings = settings_text(varied(group.agent, group.task, group.hyperparameters))
+    text = settings_text(settings(group))
     name = (
         group.agent
         + ("" if group.source_label == "none" else f", {group.source_label}")
-        + ("" if settings == "-" else f" ({settings})")
+        + ("" if text == "-" else f" ({text})")
     )
     cells = [r"\quad " + escape(name), str(len(group.seeds))]
     cells += [

@@ -7,6 +7,7 @@ twice changes nothing.
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ from orchestrator.model_registry.source_models import (
     steps_text,
 )
 from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking.mlflow.inputs import link_sources
 from orchestrator.tracking.mlflow.store import connect
 from orchestrator.tracking.uri import shown
 from trainables.errors import InputError
@@ -60,7 +62,7 @@ class Fetched:
 
 
 def register(results: Results, uri: str, parent: str) -> list[str]:
-    """Register the source models of a sweep, and set the alias models:/NAME@best of each source task.
+    """Register the source models of a sweep, link them to the runs that used them, and set models:/NAME@best.
 
     Return these names, with a remark where even the best version learned nothing. parent: the sweep's run, the parent
     of the source models' runs. Raises MlflowException and OSError.
@@ -71,7 +73,7 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
     client = connect(uri)
     below = client.get_run(parent)
     names = list(dict.fromkeys(model_name(model.cell.task) for model in found))
-    remarks = {}
+    remarks, linked = {}, dict[str, str]()
     for name in names:
         models = [model for model in found if model_name(model.cell.task) == name]
         known = _model(client, name, models[0].cell.task)
@@ -82,8 +84,10 @@ def register(results: Results, uri: str, parent: str) -> list[str]:
                 known[key] = _write(client, name, model, below)
             else:
                 _add_steps(client, version, model)
+        linked |= {cell: at for (cell, _), version in known.items() if (at := _logged_model(version))}
         best = _point(client, name, list(known.values()))
         remarks[name] = f" ({best.tags['learned']})" if "learned" in best.tags else ""
+    link_sources(client, results, (str(below.info.experiment_id), below.data.tags["sweep_id"]), linked)
     return [f"models:/{name}@{ALIAS}{remarks[name]}" for name in names]
 
 
@@ -142,6 +146,12 @@ def _write(client: MlflowClient, name: str, model: SourceModel, parent: Run) -> 
     text = _version_text(name, model)
     where = logged.artifact_location
     return client.create_model_version(name, where, run, tags, None, text, model_id=logged.model_id)
+
+
+def _logged_model(version: ModelVersion) -> str | None:
+    """Return the id of a version's logged model, from where its files are: a store of SQL does not keep it."""
+    found = re.search(r"/models/(m-[0-9a-f]+)/", f"{version.source}/")
+    return version.model_id or (found[1] if found else None)
 
 
 def _save(folder: Path, model: SourceModel, model_id: str, run: str) -> Path:

@@ -20,7 +20,7 @@ from deltatune.publish import artifacts, publish
 from orchestrator.analysis.findings import find
 from orchestrator.model_registry import mlflow_registry
 from orchestrator.results.sweep_folder import Results
-from orchestrator.tracking.mlflow.views import LEADERBOARD, VIEWS, View
+from orchestrator.tracking.mlflow.views import LEADERBOARD, SECTION, VIEWS, View
 from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.ui import leaderboards
 from orchestrator.tracking.uri import tracking_uri
@@ -134,6 +134,12 @@ def experiment(sweep: Results) -> str:
     found = MlflowClient(tracking_uri(sweep.storage, None)).get_experiment_by_name("deltatune/tests")
     assert found is not None
     return str(found.experiment_id)
+
+
+def test_the_charts_of_the_leaderboard_begin_with_the_curves_and_their_intervals(page: Page, experiment: str) -> None:
+    view = f"workflowType=machine_learning&viewStateShareKey={LEADERBOARD.key}&compareRunsMode=CHART"
+    text = page.open(f"experiments/{experiment}/runs?{view}", LEADERBOARD.charts[0].title)
+    assert SECTION in text
 
 
 @pytest.mark.parametrize("view", VIEWS, ids=lambda view: view.key)

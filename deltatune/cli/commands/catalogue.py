@@ -44,8 +44,11 @@ def tasks(
             print_json(task_data(task.family) | {"context": context, "used": used})
             return
         _print_task(task_data(task.family))
-        rows = [(agent, *_texts(values)) for agent, values in used.items()]
-        out.print(table(("agent", "hyperparameters that this task sets", "the agent's defaults"), rows))
+        alike: dict[tuple[str, str], list[str]] = {}
+        for agent, values in used.items():
+            alike.setdefault(_texts(values), []).append(agent)
+        rows = [(", ".join(agents), *texts) for texts, agents in alike.items()]
+        out.print(table(("agents", "hyperparameters that this task sets", "the agents' defaults"), rows))
         return
     data = [task_data(family) for family in all_families()]
     if as_json:

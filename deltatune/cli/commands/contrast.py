@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, Sweep, app, out, print_json, warn_of_damage
+from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, Sweep, app, findings_of, out, print_json
 
 
 @app.command(rich_help_panel=RESULT_PANEL)
@@ -30,15 +30,13 @@ def contrast(
     """
     from deltatune.cli.tables import contrast_table
     from orchestrator.analysis.contrasts.table import caption, comparisons, number_table, numbers
-    from orchestrator.analysis.findings import find
-    from orchestrator.results.sweep_folder import Results
     from trainables.errors import InputError
     from trainables.storage.atomic import write_atomic
     from trainables.storage.folders import make_folder
 
     if output is not None and output.suffix != ".csv":
         raise InputError(f"--output must name a .csv file (got {output})")
-    found = find(warn_of_damage(Results.open(storage, name))).contrast(a, b, every, "early_auc" if early else "auc")
+    found = findings_of(storage, name).contrast(a, b, every, "early_auc" if early else "auc")
     if output is not None:
         make_folder(output.absolute().parent)
         write_atomic(output.absolute(), number_table(found).to_csv(index=False).encode())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, Sweep, app, out, print_json, warn_of_damage
+from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, Sweep, app, findings_of, out, print_json
 
 
 @app.command(rich_help_panel=RESULT_PANEL)
@@ -14,12 +14,11 @@ def importance(name: Sweep, storage: Storage = RESULTS, as_json: Json = False) -
     A share is that of the variance of the mean AUC over the ranges. 'deltatune report' draws it, with the AUC at each
     value that was tried.
     """
+    findings = findings_of(storage, name)
     from deltatune.cli.sheet import table
-    from orchestrator.analysis.findings import find
     from orchestrator.analysis.importance import MIN_CONFIGURATIONS, importances
-    from orchestrator.results.sweep_folder import Results
 
-    found = importances(find(warn_of_damage(Results.open(storage, name))))
+    found = importances(findings)
     if as_json:
         print_json([one.key._asdict() | {"configurations": one.configurations, "shares": one.shares} for one in found])
         return

@@ -17,6 +17,7 @@ from deltatune.cli.app import (
     Sweep,
     TrackingUri,
     app,
+    findings_of,
     out,
     print_json,
     print_named,
@@ -92,13 +93,12 @@ def compare(
 
     The difference is B - A in AUC, paired by the seeds that both have, with its 95 % interval.
     """
+    both = [findings_of(storage, name) for name in (first, second)]
     from orchestrator.analysis.comparison import compare as compared
-    from orchestrator.analysis.findings import find
     from orchestrator.analysis.metrics import DIFFERENCE
-    from orchestrator.results.sweep_folder import Results
     from trainables.plugins.names import short
 
-    found = compared(*(find(Results.open(storage, name)) for name in (first, second)))
+    found = compared(*both)
     if as_json:
         print_json(asdict(found))
         return

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, TrackingUri, app, err, out, print_json
+from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, TrackingUri, app, busy, err, out, print_json
 
 if TYPE_CHECKING:
     from dashboards.play.episode import Episode
@@ -39,29 +39,31 @@ def play(
     The windy gridworld is drawn with its wind, the path, and |delta| over its states; other tasks with their own
     rendering. An agent of the transfer stage is first trained again, which gives the same bits.
     """
-    from dashboards.play.film import check_suffix, write
-    from dashboards.play.play import play as play_episodes
-    from orchestrator.execution.actors import cast
-    from orchestrator.process_env import prepare
-    from orchestrator.tracking.uri import tracking_uri as store_uri
-    from trainables.plugins.loader import canonicalise, load_file
+    with busy("filming"):
+        from dashboards.play.film import check_suffix, write
+        from dashboards.play.play import play as play_episodes
+        from orchestrator.execution.actors import cast
+        from orchestrator.process_env import prepare
+        from orchestrator.tracking.uri import tracking_uri as store_uri
+        from trainables.plugins.loader import canonicalise, load_file
 
-    check_suffix(output)
-    prepare()
-    for path in file or ():
-        load_file(path)
-    found = cast(
-        what,
-        storage,
-        lambda: store_uri(storage, tracking_uri),
-        task=canonicalise(task) if task else None,
-        sweep=name,
-        on_training=lambda cell: err.print(
-            f"training {cell.agent} on {cell.task} again: {cell.hyperparameters['episodes']} episodes", soft_wrap=True
-        ),
-    )
-    episodes, images = play_episodes(found.task, found.actors, seed)
-    write(images, output)
+        check_suffix(output)
+        prepare()
+        for path in file or ():
+            load_file(path)
+        found = cast(
+            what,
+            storage,
+            lambda: store_uri(storage, tracking_uri),
+            task=canonicalise(task) if task else None,
+            sweep=name,
+            on_training=lambda cell: err.print(
+                f"training {cell.agent} on {cell.task} again: {cell.hyperparameters['episodes']} episodes",
+                soft_wrap=True,
+            ),
+        )
+        episodes, images = play_episodes(found.task, found.actors, seed)
+        write(images, output)
     if as_json:
         print_json({"file": str(output), "task": found.task.name, "episodes": [_data(each) for each in episodes]})
         return

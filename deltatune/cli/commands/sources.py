@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from deltatune.cli.app import CATALOGUE_PANEL, RESULTS, Json, Storage, app, out, print_json
+from deltatune.cli.app import CATALOGUE_PANEL, RESULTS, Json, Storage, app, busy, out, print_json
 from trainables.plugins.names import short
 
 sources = typer.Typer(no_args_is_help=True, help="The source library: list, check, export and import trained sources.")
@@ -167,14 +167,15 @@ def rank(
 
     The delta of every source is estimated from the same target episodes. Exit code 3: none is recommended.
     """
-    from orchestrator.sources.library import SourceLibrary
-    from orchestrator.sources.ranking import rank_sources
-    from trainables.plugins.loader import canonicalise, load_file
+    with busy("acting on the target"):
+        from orchestrator.sources.library import SourceLibrary
+        from orchestrator.sources.ranking import rank_sources
+        from trainables.plugins.loader import canonicalise, load_file
 
-    for path in file or ():
-        load_file(path)
-    target, names = canonicalise(target), [canonicalise(name) for name in source or ()]
-    found = rank_sources(target, SourceLibrary(storage).find(names), episodes, seed)
+        for path in file or ():
+            load_file(path)
+        target, names = canonicalise(target), [canonicalise(name) for name in source or ()]
+        found = rank_sources(target, SourceLibrary(storage).find(names), episodes, seed)
     data = found.to_json()
     if as_json:
         print_json(data)

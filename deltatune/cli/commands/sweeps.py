@@ -17,7 +17,9 @@ from deltatune.cli.app import (
     Sweep,
     TrackingUri,
     app,
+    busy,
     err,
+    findings_of,
     out,
     print_json,
     print_named,
@@ -74,16 +76,15 @@ def report(
     as_json: Json = False,
 ) -> None:
     """Draw a sweep's report: one HTML file with every table and figure in it, and each figure as PNG and SVG."""
+    findings = findings_of(storage, name)
     from dashboards.draw import draw
     from deltatune.cli.sweep_report import print_contrasts
     from orchestrator.analysis.contrasts.table import numbers
-    from orchestrator.analysis.findings import find
-    from orchestrator.results.sweep_folder import Results
     from trainables.storage.folders import make_folder
 
-    findings = find(warn_of_damage(Results.open(storage, name)))
     missing: list[str] = []
-    files = draw(findings, make_folder(output) if output else None, every=True, missing=missing)
+    with busy("drawing"):
+        files = draw(findings, make_folder(output) if output else None, every=True, missing=missing)
     for why in missing:
         err.print(f"not drawn: {why}", soft_wrap=True, style="yellow")
     if as_json:
@@ -123,10 +124,7 @@ def export(
 
     Or, with --format, its results or its Table 1 for other programs.
     """
-    from orchestrator.analysis.findings import find
-    from orchestrator.results.sweep_folder import Results
-
-    written = write(find(warn_of_damage(Results.open(storage, name))), kind.value, output)
+    written = write(findings_of(storage, name), kind.value, output)
     if as_json:
         print_json(written.data)
     else:

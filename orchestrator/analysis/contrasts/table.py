@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from orchestrator.analysis.contrasts.contrast import Contrast
-from orchestrator.analysis.labels import settings_text, varied
+from orchestrator.analysis.labels import settings, settings_text
 from orchestrator.analysis.metrics import DIFFERENCE
 from orchestrator.analysis.metrics import EARLY_DIFFERENCE as EARLY
 from orchestrator.analysis.statistics import LEVEL
@@ -66,8 +66,8 @@ def numbers(contrast: Contrast) -> dict[str, Any]:
         "source": first.source,
         "source_task": first.source_task,
         "pick": first.pick or None,
-        "a_settings": settings_text(varied(first.agent, first.task, first.hyperparameters)),
-        "b_settings": settings_text(varied(second.agent, second.task, second.hyperparameters)),
+        "a_settings": settings_text(settings(first)),
+        "b_settings": settings_text(settings(second)),
         "a_group": first.id,
         "b_group": second.id,
         "seeds": contrast.seeds,

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from orchestrator.analysis.groups import Group
-from orchestrator.analysis.labels import settings_text, varied
+from orchestrator.analysis.labels import settings, settings_text
 from orchestrator.analysis.metrics import METRICS, shown
 from trainables.plugins.names import short
 
@@ -45,7 +45,7 @@ def text_table(groups: Sequence[Group]) -> pd.DataFrame:
 
 def row(group: Group, hide: Collection[str] = ()) -> tuple[str, ...]:
     """Return a group's row of the table, under COLUMNS, without the hyperparameters in `hide`."""
-    own = varied(group.agent, group.task, group.hyperparameters)
+    own = settings(group)
     seeds = f"{len(group.seeds)}" + (f" x {group.networks} sources" if group.networks > 1 else "")
     seeds += f", {group.failed} failed" if group.failed else ""
     seeds += f", {group.stopped} stopped early" if group.stopped else ""
@@ -82,7 +82,7 @@ def numbers(group: Group) -> dict[str, Any]:
         "source_task": group.source_task,
         "pick": group.pick or None,
         "source_networks": group.networks if group.source == "learned" else None,
-        "settings": settings_text(varied(group.agent, group.task, group.hyperparameters)),
+        "settings": settings_text(settings(group)),
         "hyperparameters": json.dumps(dict(group.hyperparameters), sort_keys=True),
         "seeds_done": len(group.seeds),
         "seeds_failed": group.failed,

@@ -1,12 +1,16 @@
-"""The tasks of a run in MLflow, as datasets."""
+"""What a run in MLflow was made from: its tasks as datasets, and the sources that it used as logged models."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 
-from mlflow.entities import Dataset, DatasetInput, InputTag
+from mlflow.entities import Dataset, DatasetInput, InputTag, LoggedModelInput
+from mlflow.tracking import MlflowClient
 
 from orchestrator.analysis.groups import Group
+from orchestrator.results.sweep_folder import Results
+from orchestrator.tracking.configurations import Configurations
 from trainables.cell import content_id
 from trainables.tasks.registry import parse_task
 
@@ -44,3 +48,32 @@ def _plain(value: object) -> object:
 
 def _type(value: object) -> str:
     return "double" if isinstance(value, int | float) and not isinstance(value, bool) else "string"
+
+
+def link_sources(client: MlflowClient, results: Results, sweep: tuple[str, str], models: Mapping[str, str]) -> None:
+    """Link every source model to the aggregates whose cells used it.
+
+    sweep: the ids of the experiment and of the sweep. models: a source's cell to its logged model.
+    """
+    experiment, sweep_id = sweep
+    configurations, used = Configurations(results), dict[str, set[str]]()
+    for cell in results.plan().get("transfer", ()):
+        ids = {models[str(source.cell_id)] for source in cell.sources if source.cell_id in models}
+        for group in configurations.of("transfer", cell):
+            used.setdefault(group, set()).update(ids)
+    condition = f"tags.kind = 'aggregate' and tags.sweep_id = '{sweep_id}'"
+    token: str | None = None
+    while True:
+        page = client.search_runs([experiment], condition, max_results=1000, page_token=token)
+        for run in page:
+            there = {each.model_id for each in run.inputs.model_inputs} if run.inputs else set()
+            _link(client, str(run.info.run_id), used.get(run.data.tags.get("group", ""), set()) - there)
+        token = page.token
+        if not token:
+            return
+
+
+def _link(client: MlflowClient, run: str, models: Iterable[str]) -> None:
+    wanted = [LoggedModelInput(model) for model in sorted(models)]
+    if wanted:
+        client.log_inputs(run, models=wanted)

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 
 PREFIX = "mlflow.sharedViewState."
 
+SECTION = "Evaluation curves"
+"""The title above the charts of a view."""
+
 _PIXELS = {
     "AUC": 112,
     "transfer_ratio": 125,
@@ -24,6 +27,43 @@ _PIXELS = {
 
 WIDTHS = {f"tags.`{name}`": width for name, width in (_PIXELS | {"agent": 130}).items()}
 """Widths of columns in pixels; a window of 1000 shows the first three of the leaderboard next to the names."""
+
+
+CURVES = ("greedy_return_mean", "greedy_return_low", "greedy_return_high")
+"""The evaluation curve of an aggregate, and the ends of its 95 % interval."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A line chart over episodes that has several metrics of each run."""
+
+    title: str
+    metrics: tuple[str, ...]
+
+    def card(self, section: str) -> dict[str, object]:
+        """Return the chart as MLflow stores it, in a section."""
+        return {
+            "type": "LINE",
+            "uuid": f"{section}-{self.metrics[0]}",
+            "metricSectionId": section,
+            "displayName": self.title,
+            "metricKey": self.metrics[0],
+            "selectedMetricKeys": list(self.metrics),
+            "runsCountToCompare": 10,
+            "deleted": False,
+            "isGenerated": False,
+            "lineSmoothness": 0,
+            "xAxisKey": "step",
+            "xAxisScaleType": "linear",
+            "scaleType": "linear",
+            "selectedXAxisMetricKey": "",
+            "yAxisKey": "metric",
+            "yAxisExpressions": [],
+            "range": {},
+            "ignoreOutliers": False,
+            "useGlobalXaxisKey": True,
+            "useGlobalLineSmoothing": True,
+        }
 
 
 @dataclass(frozen=True)
@@ -40,11 +80,13 @@ class View:
     ascending: bool
     tags: tuple[str, ...]
     metrics: tuple[str, ...]
+    charts: tuple[Chart, ...] = ()
+    """The first charts of the page's chart view."""
 
     def tag(self) -> tuple[str, str]:
         """Return (key, value) of the experiment's tag."""
         columns = [f"tags.`{name}`" for name in self.tags] + [f"metrics.`{name}`" for name in self.metrics]
-        state = {
+        state: dict[str, object] = {
             "searchFilter": self.condition,
             "orderByKey": self.order,
             "orderByAsc": self.ascending,
@@ -54,6 +96,9 @@ class View:
             "columnOrder": columns,
             "columnWidths": WIDTHS,
         }
+        if self.charts:
+            state["compareRunSections"] = [{"uuid": self.key, "name": SECTION, "display": True, "isReordered": False}]
+            state["compareRunCharts"] = [chart.card(self.key) for chart in self.charts]
         packed = base64.b64encode(zlib.compress(json.dumps(state).encode())).decode()
         value = {"name": self.name, "createdAt": 0, "updatedAt": 0, "state": f"deflate;{packed}"}
         return PREFIX + self.key, json.dumps(value)
@@ -67,8 +112,9 @@ LEADERBOARD = View(
     True,
     ("AUC", "transfer_ratio", "verdict", "task", "source", "difference", "holds", "place"),
     (),
+    (Chart("Evaluation curve with its 95 % interval", CURVES),),
 )
-"""Grouped by task, the best AUC first, with the numbers as rounded text."""
+"""Grouped by task, the best AUC first, with the numbers as rounded text; as charts, the evaluation curves."""
 
 VIEWS = (
     LEADERBOARD,

@@ -83,6 +83,12 @@ def test_the_catalogue_lists_everything_for_people_and_for_programs(terminal: Te
         assert len(out) > 100
 
 
+def test_a_shown_task_says_once_what_all_agents_use_on_it(terminal: Terminal) -> None:
+    _, out, _ = terminal.run("tasks", "cartpole")
+    assert out.count("episodes=4000") == 1
+    assert "dqn, es, delta_es" in " ".join(out.split())
+
+
 def test_a_shown_space_is_a_file_to_start_from(terminal: Terminal, tmp_path: Path) -> None:
     _, text, _ = terminal.run("spaces", "demo")
     (tmp_path / "mine.yaml").write_text(text)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.analysis.labels import cell_name, settings_text
+from orchestrator.analysis.findings import find
+from orchestrator.analysis.labels import cell_name, group_name, settings, settings_text
 from orchestrator.analysis.metrics import DIFFERENCE, TRANSFER_RATIO
 from orchestrator.analysis.statistics import Estimate, TransferRatio
+from orchestrator.results.sweep_folder import Results
 from trainables.cell import Cell
 
 
@@ -42,3 +46,13 @@ def test_a_runs_name_has_no_character_that_mlflow_refuses() -> None:
     cell = Cell.create("q_learning", "windy_gridworld:start=[1,2],wind=reversed", 3)
     assert cell_name(cell) == "q_learning / windy_gridworld wind reversed,start (1,2) / seed 3"
     assert settings_text({}) == "-"
+
+
+def test_what_was_tuned_is_shown_also_where_it_equals_the_default(finished: Path) -> None:
+    findings = find(Results.open(finished, "small"))
+    sources = [group for group in findings.groups if group.stage == "source"]
+    assert sorted(settings(group)["learning_rate"] for group in sources) == [0.1, 0.5]
+    assert {group.tuned for group in sources} == {frozenset({"learning_rate"})}
+    gate = next(group for group in findings.groups if group.agent == "delta_gate")
+    assert "learning_rate" not in settings(gate)
+    assert not any(group_name(group).endswith("q_learning") for group in sources)

@@ -51,7 +51,7 @@ def test_only_what_no_other_sweep_has_finished_runs_and_it_is_said(storage: Path
     tally = ran(storage, "second", more, console=Console(file=said, width=160))
     assert (tally.ran, tally.reused) == (CELLS // 2, CELLS)
     assert tally.taken == {LIBRARY: SOURCES, "first": TRANSFERS}
-    assert f"transfer: {TRANSFERS} cells taken from the sweep first" in said.getvalue()
+    assert f"transfer: {TRANSFERS} taken from the sweep first" in said.getvalue()
 
 
 def test_a_copied_record_is_the_same_and_outlives_the_sweep_that_trained_it(storage: Path) -> None:

@@ -136,6 +136,20 @@ def test_each_version_plays_cartpole_to_the_best_return_of_its_source(poles: Res
     assert 100 < min(best) < 200
 
 
+def test_a_source_model_is_linked_to_the_aggregates_that_used_it_once(poles: Results, uri: str) -> None:
+    mlflow_registry.register_now(poles, uri, sync_now(find(poles), uri, []))
+    client = MlflowClient(uri)
+    experiment = client.search_experiments(filter_string="name LIKE 'deltatune/%'")[0].experiment_id
+    models = [model.model_id for model in client.search_logged_models([experiment])]
+    used = [
+        [each.model_id for each in client.get_run(run.info.run_id).inputs.model_inputs]
+        for run in client.search_runs([experiment], "tags.kind = 'aggregate' and tags.stage = 'transfer'")
+        if run.data.tags["source"] == "learned"
+    ]
+    assert models
+    assert [sorted(ids) for ids in used] == [sorted(models)]
+
+
 def test_the_alias_is_on_the_version_with_the_best_greedy_evaluation(poles: Results, uri: str) -> None:
     there = versions(poles, MODEL)
     best = MlflowClient(uri).get_model_version_by_alias(MODEL, "best")
