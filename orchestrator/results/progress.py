@@ -17,6 +17,9 @@ log = logging.getLogger("deltatune.results")
 
 FILE = ".progress.json"
 
+KNOWN_AFTER = 1.0
+"""Seconds after which a rate is told, and with it what is left."""
+
 
 @dataclass(frozen=True)
 class Snapshot:
@@ -91,6 +94,9 @@ class Progress:
     _best: dict[str, tuple[float, str]] = field(default_factory=dict)
     """Task to the highest AUC on it and its agent; the task of the cell that ended last comes last."""
     _first: float | None = None
+    """When the stage was first heard of; a cell that ended first had begun by then."""
+    _before: tuple[float, int] = (0.0, 0)
+    """The share and the steps that the first cell had done by then, perhaps in an earlier run."""
 
     def ended(self, record: Record) -> None:
         """Count an ended cell."""
@@ -112,7 +118,8 @@ class Progress:
 
     def share(self, cell: str, share: float, step: int) -> None:
         """Update the finished share of a long cell."""
-        self._first = self._first or time.monotonic()
+        if self._first is None:
+            self._first, self._before = time.monotonic(), (share, step)
         self._shares[cell] = share, step
 
     def snapshot(self) -> Snapshot:
@@ -120,14 +127,15 @@ class Progress:
         passed = sum(self._count.values()) + sum(share for share, _ in self._shares.values())
         seconds = time.monotonic() - self._first if self._first else 0.0
         steps = self._steps + sum(step for _, step in self._shares.values())
+        known, gained = seconds >= KNOWN_AFTER, passed - self._before[0]
         return Snapshot(
             stage=self.stage,
             total=self.total,
             **self._count,
             running=self._running,
             share=passed / self.total if self.total else 1.0,
-            steps_per_second=steps / seconds if seconds else None,
-            seconds_left=seconds / passed * (self.total - passed) if passed and seconds else None,
+            steps_per_second=(steps - self._before[1]) / seconds if known else None,
+            seconds_left=seconds / gained * (self.total - passed) if known and gained > 0 else None,
             best=self._best_text(),
             updated=time.time(),
         )

@@ -6,7 +6,7 @@ import contextlib
 import logging
 import queue
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,6 +49,8 @@ class Tracker:
         self._thread: clock.Worker | None = None
         self._backend: TrackingBackend | None = None
         self._held = contextlib.ExitStack()
+        self._unwatch: Callable[[], None] | None = None
+        """Stops what logs the machine's load."""
         self._hold: Hold | None = None
         self.error: Exception | None = None
         """Why the copy is incomplete, or None; `deltatune sync` completes it."""
@@ -96,6 +98,9 @@ class Tracker:
             self._queue.put_nowait(None)
         if self._thread is not None:
             self._thread.join()
+        if self._unwatch is not None:
+            self._unwatch()
+            self._unwatch = None
 
     def _connected(self, patience: float = 0.0) -> TrackingBackend:
         """Return the opened backend. Raises InputError where another process writes this sweep there.
@@ -135,7 +140,10 @@ class Tracker:
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     def _write(self, stage: str, record: Record) -> None:
-        self._connected().write_cell(stage, record.head, lambda: record)
+        backend = self._connected()
+        if self._unwatch is None:
+            self._unwatch = self.kind.watched(self.uri, backend.parent)
+        backend.write_cell(stage, record.head, lambda: record)
 
 
 def _log(what: str, error: Exception) -> None:

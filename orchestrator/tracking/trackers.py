@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -29,12 +29,19 @@ class TrackerKind:
     """'module:Class' of its TrackingBackend, imported when a sweep is written."""
     check: str = ""
     """'module:function' that raises InputError for a URI of its schemes that it cannot use."""
+    watch: str = ""
+    """'module:function' that logs the machine's load to a copy (uri, its name), and returns what stops it."""
     has_registry: bool = False
     """Whether trained sources can be registered there, and `deltatune ui` shows it."""
 
     def load(self) -> type[TrackingBackend]:
         """Import the backend."""
         return cast("type[TrackingBackend]", _named(self.backend))
+
+    def watched(self, uri: str, parent: str) -> Callable[[], None]:
+        """Begin to log the machine's load to a copy, if that is asked for; return what stops it."""
+        stop: Callable[[], None] = _named(self.watch)(uri, parent) if self.watch else lambda: None
+        return stop
 
     def checked(self, uri: str) -> str:
         """Return the URI. Raises InputError for one that cannot be used."""
@@ -54,6 +61,7 @@ MLFLOW = TrackerKind(
     "MLflow",
     ("sqlite", "postgresql", "mysql", "mssql", "http", "https", "databricks"),
     "orchestrator.tracking.mlflow.mirror:Mirror",
+    watch="orchestrator.tracking.mlflow.system_metrics:watch",
     has_registry=True,
 )
 

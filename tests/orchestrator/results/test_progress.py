@@ -43,6 +43,22 @@ def test_the_best_auc_is_of_one_task() -> None:
     assert stage.snapshot().best == "best AUC on cartpole: 200.0 (dqn)"
 
 
+def test_the_rate_and_what_is_left_count_from_when_the_stage_was_first_heard_of(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
+    stage = Progress("source", 2)
+    stage.share("a", 0.5, 40_000)  # it continues from a checkpoint
+    first = stage.snapshot()
+    assert (first.steps_per_second, first.seconds_left) == (None, None)
+    now += 10
+    stage.share("a", 0.6, 48_000)
+    later = stage.snapshot()
+    assert later.rate() == "800 steps/s"
+    assert later.left() == "about 2 min left"
+
+
 class ConnectTimeoutError(Exception):
     """What a client of an object store raises: no OSError."""
 
