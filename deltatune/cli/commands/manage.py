@@ -17,6 +17,7 @@ from deltatune.cli.app import (
     Sweep,
     TrackingUri,
     app,
+    busy,
     findings_of,
     out,
     print_json,
@@ -157,8 +158,9 @@ def mv(
     from orchestrator.tracking.uri import tracking_uri as store_uri
 
     uri = store_uri(storage, tracking_uri)
-    moved = rename(Results.open(storage, name), new)
-    runs = _rename_in_mlflow(moved, name, uri)
+    with busy(f"renaming {name}"):
+        moved = rename(Results.open(storage, name), new)
+        runs = _rename_in_mlflow(moved, name, uri)
     if as_json:
         print_json({"sweep": moved.name, "folder": str(moved.folder), "mlflow_runs": runs})
         return
