@@ -15,7 +15,7 @@ def watch(uri: str, run_id: str) -> Callable[[], None]:
 
     MLflow samples every MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL seconds. Without psutil a warning says so.
     """
-    if not MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING.get():
+    if not MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING.get():  # type: ignore[no-untyped-call]
         return _nothing
     try:
         from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
@@ -24,7 +24,7 @@ def watch(uri: str, run_id: str) -> Callable[[], None]:
         return _nothing
     monitor = SystemMetricsMonitor(run_id, resume_logging=True, tracking_uri=uri)  # type: ignore[no-untyped-call]
     monitor.start()  # type: ignore[no-untyped-call]
-    return monitor.finish  # type: ignore[no-any-return]
+    return monitor.finish
 
 
 def _nothing() -> None:
