@@ -11,7 +11,7 @@ from trainables.cell import Cell
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
 from trainables.tasks.registry import parse_task
-from trainables.tasks.step_env import task_shape
+from trainables.tasks.shape import task_shape
 
 
 def check_fit(cell: Cell, knowledge: Knowledge) -> None:

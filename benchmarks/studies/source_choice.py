@@ -160,7 +160,8 @@ def cartpole(library: SourceLibrary) -> None:
     """Evaluate each of 12 gravities as the target of the networks of the 11 others."""
     from orchestrator.sources.ranking import rank_sources
     from trainables.networks.network import source_network
-    from trainables.tasks.step_env import Environment, task_shape
+    from trainables.tasks.shape import task_shape
+    from trainables.tasks.step_env import Environment
 
     tasks = [parse_task(f"cartpole:gravity={gravity}").name for gravity in GRAVITIES]
     entries = {task: trained(library, "dqn", task) for task in tasks}

@@ -43,8 +43,9 @@ def importances(findings: Findings) -> list[Importance]:
     space = findings.results.space()
     found = []
     for key, groups in arms.items():
-        space_of_arm = _distributions(groups, ranges(space, groups[0]))
-        if len(groups) >= MIN_CONFIGURATIONS and space_of_arm:
+        if len(groups) < MIN_CONFIGURATIONS or not (searched := ranges(space, groups[0])):
+            continue
+        if space_of_arm := _distributions(groups, searched):
             shares = _fanova(groups, space_of_arm)
             if shares is not None:
                 found.append(Importance(key, groups[0].source_label, len(groups), shares))

@@ -20,7 +20,8 @@ from trainables.plugins.names import short
 from trainables.tasks.registry import parse_task
 from trainables.tasks.spec.family import Task
 from trainables.training.policy import Policy, source_policy
-from trainables.training.train import source_knowledge, train
+from trainables.training.source_knowledge import source_knowledge
+from trainables.training.train import train
 
 MAX_SOURCES = 3
 """Sources shown with an agent that chooses among several."""

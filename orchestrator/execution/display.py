@@ -21,7 +21,7 @@ from orchestrator.results import driver_log, progress
 from orchestrator.results.progress import Progress, Snapshot
 from orchestrator.results.records.record import Record
 from trainables.storage.paths import is_local
-from trainables.training import worker
+from trainables.training import messages
 
 LOG_EVERY = 15.0
 """Seconds between lines where there is no terminal, and in the sweep's log."""
@@ -126,7 +126,7 @@ class Display:
             self._any, self._logged, self._shown = True, -math.inf, -math.inf
         self._show()
 
-    def progress(self, report: worker.Progress) -> None:
+    def progress(self, report: messages.Progress) -> None:
         """Update the finished share of a long cell."""
         self._progress.share(report.cell, report.share, report.step)
         self._show()

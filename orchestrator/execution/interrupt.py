@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, ClassVar
 
-from trainables.training.worker import STOP
+from trainables.training.messages import STOP
 
 GRACE_SECONDS = 10.0
 """Seconds for running cells to reach their next evaluation and be checkpointed."""

@@ -23,7 +23,7 @@ from trainables.cell import Cell
 from trainables.curve import auc
 from trainables.knowledge import Knowledge
 from trainables.storage import disk
-from trainables.training.cell_run import Outcome
+from trainables.training.messages import Outcome
 
 if TYPE_CHECKING:
     import pandas as pd

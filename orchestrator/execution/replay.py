@@ -15,7 +15,8 @@ from trainables import curve
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
 from trainables.numerics.threads import one_thread
-from trainables.training.train import Training, source_knowledge, train
+from trainables.training.source_knowledge import source_knowledge
+from trainables.training.train import Training, train
 
 if TYPE_CHECKING:
     from orchestrator.dataset.dataset import Dataset

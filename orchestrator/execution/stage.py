@@ -24,9 +24,8 @@ from orchestrator.results.sweep_folder import Results
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.plugins import loader
-from trainables.training.cell_run import lost
-from trainables.training.train import source_knowledge
-from trainables.training.worker import WorkerPayload
+from trainables.training.messages import WorkerPayload, lost
+from trainables.training.source_knowledge import source_knowledge
 
 if TYPE_CHECKING:
     from orchestrator.planning.search import Tuned

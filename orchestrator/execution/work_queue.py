@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from orchestrator import clock
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
-from trainables.training.cell_run import Outcome
+from trainables.training.messages import Outcome
 
 if TYPE_CHECKING:
     from orchestrator.planning.search import Tuned

@@ -147,7 +147,7 @@ def _check_shape(name: str, knowledge: Knowledge, task: Task) -> None:
 
 
 def _check_network(arrays: Mapping[str, np.ndarray[Any, Any]], task: Task) -> None:
-    from trainables.tasks.step_env import task_shape
+    from trainables.tasks.shape import task_shape
 
     missing = {"sizes", "best", "last", "steps"} - set(arrays)
     if missing:

@@ -12,8 +12,8 @@ from trainables.agents.registry import agent_named
 from trainables.errors import InputError
 from trainables.source_ranking.ranking import Ranked, Ranking, SourceComparison, rank
 from trainables.tasks.registry import parse_task
+from trainables.tasks.shape import task_shape
 from trainables.tasks.spec.family import Task
-from trainables.tasks.step_env import task_shape
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from trainables import curve
 from trainables.cell import Cell, Source
 from trainables.knowledge import Knowledge
 from trainables.own import load
-from trainables.training.train import source_knowledge, train
+from trainables.training.source_knowledge import source_knowledge
+from trainables.training.train import train
 
 HERE = Path(__file__).parent
 FILE = HERE / "golden.json"

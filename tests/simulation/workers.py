@@ -21,8 +21,7 @@ from trainables import curve
 from trainables.cell import Cell
 from trainables.knowledge import Knowledge
 from trainables.storage.folders import make_folder
-from trainables.training.cell_run import Outcome
-from trainables.training.worker import Ended, Progress, Report, Started, WorkerPayload
+from trainables.training.messages import Ended, Outcome, Progress, Report, Started, WorkerPayload
 
 WORKERS = 3
 TIME_LIMIT = 100.0

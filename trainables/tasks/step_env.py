@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from typing import Any
 
 import gymnasium
@@ -11,10 +10,8 @@ from gymnasium.spaces import Box, Discrete
 
 from trainables.errors import InputError
 from trainables.numerics.matmul import F32
-from trainables.tasks.make import make_env
 from trainables.tasks.simulators.registry import simulator_of, start
 from trainables.tasks.simulators.simulator import step
-from trainables.tasks.spec.family import Task
 from trainables.tasks.wrappers.unwrap import unwrap
 
 
@@ -77,17 +74,3 @@ class Environment:
         if not self._plain:
             observation = gymnasium.spaces.flatten(self._space, observation)
         return np.array(observation, dtype=np.float32)
-
-
-Shape = tuple[int, int]
-"""(states, actions) of a tabular task, (inputs, actions) of a deep one."""
-
-
-def task_shape(task: Task) -> Shape:
-    """Return the shape that knowledge of `task` must fit."""
-    if task.tabular:
-        dynamics = task.dynamics()
-        return dynamics.states, dynamics.actions
-
-    with closing(Environment(make_env(task))) as env:
-        return env.inputs, env.actions

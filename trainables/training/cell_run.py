@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Container
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from trainables import curve
 from trainables.cell import Cell
@@ -15,6 +15,7 @@ from trainables.curve import EvalPoint
 from trainables.knowledge import Knowledge
 from trainables.plugins.loader import describe_error
 from trainables.storage import checkpoint
+from trainables.training.messages import Outcome
 from trainables.training.train import Training, train
 
 OnPoint = Callable[[EvalPoint], None]
@@ -22,29 +23,6 @@ GiveSource = Callable[[Cell], Knowledge | None]
 """Returns the knowledge of a cell's sources."""
 
 log = logging.getLogger("deltatune.training")
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The outcome of a cell, as its worker reports it."""
-
-    cell: Cell
-    status: Literal["done", "failed", "stopped"]
-    error: str | None
-    """Why it failed, or was stopped, in a sentence."""
-    points: dict[str, list[float | int | None]]
-    """The evaluation curve as columns; for a failed or stopped cell, up to its end."""
-    digest: str
-    """`curve.digest` of the points."""
-    seconds: float
-    """Wall time of the cell."""
-    knowledge: bytes | None = None
-    """What was learned, if it was to be kept."""
-
-    @classmethod
-    def of(cls, cell: Cell, error: str, points: Any, seconds: float) -> Outcome:
-        """Return the outcome of a cell: failed if there is an error, else done."""
-        return cls(cell, "failed" if error else "done", error or None, points, curve.digest(points), seconds)
 
 
 class CellRun:
@@ -210,13 +188,3 @@ def run_cell(
 
 def _named(cell: Cell) -> str:
     return f"{cell.agent} on {cell.task}, seed {cell.seed} (cell {cell.id})"
-
-
-def lost(cell: Cell, error: str, seconds: float) -> Outcome:
-    """Return the outcome of a cell whose worker is lost."""
-    return Outcome.of(cell, error, curve.columns([]), seconds)
-
-
-def stopped(cell: Cell, reason: str, points: dict[str, Any]) -> Outcome:
-    """Return the outcome of a cell that a scheduler has stopped early, with its curve so far."""
-    return replace(Outcome.of(cell, reason, points, points["seconds"][-1]), status="stopped")

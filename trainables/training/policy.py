@@ -12,8 +12,8 @@ from trainables.cell import Cell
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
 from trainables.learners.learner import Learner
+from trainables.tasks.shape import task_shape
 from trainables.tasks.spec.family import Task
-from trainables.tasks.step_env import task_shape
 
 Policy = Callable[[Any], int]
 """Maps a state (tabular tasks) or an observation (inputs,) float32 to an action, numbered from 0."""

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import ray
 from ray import tune
 
 from trainables import curve
@@ -18,21 +14,11 @@ from trainables.cell import Cell, Source
 from trainables.curve import EvalPoint
 from trainables.errors import InputError
 from trainables.knowledge import Knowledge
-from trainables.learners.learner import prepare
-from trainables.numerics.threads import one_thread
-from trainables.plugins import loader
-from trainables.storage.paths import storage_path
 from trainables.tasks.registry import families, parse_task
-from trainables.training.train import exact_source, train
-from trainables.training.worker import Reached, Report, Started, StopFile, WorkerPayload, forwarded_log, run_pack
+from trainables.training.source_knowledge import exact_source
+from trainables.training.train import train
 
 Config = dict[str, Any]
-
-HOLD = "hold"
-"""Key of the config of a trial that only holds its worker, and of its reports."""
-
-TIME, METRIC = "evaluations", "score"
-"""Keys that `run_cells` reports for cells that run together."""
 
 RESERVED = ("seed", "source", "source_file")
 """Keys of a trainable's config that are no hyperparameters."""
@@ -94,39 +80,3 @@ def _cell(agent: str, task: str, config: Config) -> tuple[Cell, Knowledge | None
     checkpoint: Any = "last" if parse_task(source_task).tabular else "best"
     source = Source(task=source_task, kind="learned", cell_id=path.stem, checkpoint=checkpoint)
     return Cell.create(agent, task, config.get("seed", 0), values, source), Knowledge.from_bytes(path.read_bytes())[0]
-
-
-def run_cells(config: Config) -> None:
-    """Run the cells of config["cells"] (see `worker.run_pack`), and report their outcomes: a sweep's trainable.
-
-    config["cells"]: JSON. config["payload"]: a reference to the stage's WorkerPayload. config["together"]: run them
-    side by side, with `evaluations` and `score` for a scheduler in the reports. Each report has the key `report`,
-    which the sweep's callback processes. config["hold"], alone: hold the worker for so many seconds.
-    """
-    one_thread()
-    if HOLD in config:
-        _hold(config[HOLD])
-        return
-    reference: ray.ObjectRef[WorkerPayload] = config["payload"]
-    payload = ray.get(reference)
-    loader.install(payload.plugins)
-
-    def tell(report: Report) -> None:
-        judged = {TIME: report.evaluations, METRIC: report.score} if isinstance(report, Reached) else {}
-        tune.report({"report": report, **judged})
-
-    given = json.loads(config["cells"])
-    prepare({data["agent"] for data in given})
-    tell(Started(os.getpid(), ray.get_runtime_context().get_node_id()))
-    cells = [Cell.from_json(data) for data in given]
-    stop = StopFile(storage_path(payload.checkpoints) if payload.checkpoints else None)
-    with forwarded_log(tell) as send:
-        run_pack(cells, bool(config.get("together")), payload, send, stop)
-
-
-def _hold(seconds: float) -> None:
-    """Do nothing for `seconds`, or until the driver ends this trial at one of its reports, which come ever rarer."""
-    began = time.monotonic()
-    while (waited := time.monotonic() - began) < seconds:
-        tune.report({HOLD: waited})
-        time.sleep(min(max(waited / 10, 0.05), 1.0))

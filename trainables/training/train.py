@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
-from trainables.delta.exact import exact_q
 from trainables.errors import InputError
-from trainables.knowledge import Knowledge, joined
+from trainables.knowledge import Knowledge
 from trainables.learners.learner import Resumable, new_learner
-from trainables.tasks.registry import parse_task
 from trainables.training.policy import Policy, learned_policy
+from trainables.training.source_knowledge import source_knowledge
 
 
 class Training(Iterator[EvalPoint]):
@@ -91,20 +90,3 @@ def train(cell: Cell, source: Knowledge | None = None) -> Training:
 
         source = source_knowledge(cell, missing)
     return Training(cell, source)
-
-
-def source_knowledge(cell: Cell, load: Callable[[str], Knowledge]) -> Knowledge:
-    """Return the joined knowledge of the sources of `cell`: learned ones by `load(cell_id)`, exact ones computed."""
-    return joined(
-        [
-            load(str(source.cell_id))
-            if source.kind == "learned"
-            else exact_source(source.task, float(cell.hyperparameters["gamma"]))
-            for source in cell.sources
-        ]
-    )
-
-
-def exact_source(task: str, gamma: float) -> Knowledge:
-    """Return Q* of `task`, by value iteration, as source knowledge."""
-    return Knowledge({"q": exact_q(parse_task(task).name, gamma)})

@@ -8,9 +8,8 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,21 @@ from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.knowledge import Knowledge
 from trainables.storage.paths import is_local, storage_path
-from trainables.training.cell_run import CellRun, GiveSource, Outcome, run_cell
+from trainables.training.cell_run import CellRun, GiveSource, run_cell
 from trainables.training.lockstep import lockstep
+from trainables.training.messages import (
+    LOGGER,
+    STOP,
+    Ended,
+    Logged,
+    Outcome,
+    Progress,
+    Reached,
+    Report,
+    Stop,
+    Tell,
+    WorkerPayload,
+)
 
 PROGRESS_SECONDS = 2.0
 """Time between reports of a long cell's progress."""
@@ -30,79 +42,7 @@ OUTCOME_SECONDS = 1.0
 REMOTE_LOOK_SECONDS = 5.0
 """Time between checks of the stop file on an object store, where each check of each worker is a paid request."""
 
-STOP = "STOP"
-"""The file in the folder of checkpoints with which the driver asks its workers to stop."""
-
-LOGGER = "deltatune"
-"""The parent of all of deltatune's loggers."""
-
 log = logging.getLogger("deltatune.worker")
-
-
-@dataclass(frozen=True)
-class WorkerPayload:
-    """Constant arguments shipped to every worker of a stage."""
-
-    sources: Mapping[str, Mapping[str, Any]]
-    """The arrays of each source, by `Cell.source_key`."""
-    keep: bool
-    """Whether outcomes include the knowledge."""
-    checkpoints: str | None
-    """The folder for the states of long cells; None: a cell whose worker is lost starts again."""
-    checkpoint_seconds: float
-    """Time between two checkpoints of a cell."""
-    plugins: Mapping[str, bytes]
-    """The custom files that the driver has loaded (`plugins.loader.packed`)."""
-
-
-@dataclass(frozen=True)
-class Started:
-    """A worker has started its pack."""
-
-    pid: int
-    node: str
-
-
-@dataclass(frozen=True)
-class Progress:
-    """The progress of a long cell."""
-
-    cell: str
-    share: float
-    """Finished share of its episodes: 0 to 1."""
-    step: int
-    greedy_return: float
-
-
-@dataclass(frozen=True)
-class Ended:
-    """Cells that have ended."""
-
-    outcomes: tuple[Outcome, ...]
-
-
-@dataclass(frozen=True)
-class Reached:
-    """All cells of a configuration have reached an evaluation, at which early stopping decides."""
-
-    evaluations: int
-    score: float
-    points: tuple[tuple[str, dict[str, Any]], ...]
-    """Cell id and the part of its curve since the last report."""
-
-
-@dataclass(frozen=True)
-class Logged:
-    """Log messages of a worker: (logger, level, text)."""
-
-    lines: tuple[tuple[str, int, str], ...]
-
-
-Report = Started | Progress | Ended | Reached | Logged
-Tell = Callable[[Report], None]
-"""Sends a report to the driver."""
-Stop = Callable[[], bool]
-"""Returns whether the driver has asked to stop."""
 
 
 def run_pack(cells: Sequence[Cell], together: bool, payload: WorkerPayload, tell: Tell, stop: Stop) -> None:

@@ -16,7 +16,8 @@ from trainables.learners.learner import prepare
 from trainables.numerics.threads import one_thread
 from trainables.plugins import loader
 from trainables.storage.paths import storage_path
-from trainables.training.worker import Reached, Report, Started, StopFile, WorkerPayload, forwarded_log, run_pack
+from trainables.training.messages import Reached, Report, Started, WorkerPayload
+from trainables.training.worker import StopFile, forwarded_log, run_pack
 
 
 @dataclass(frozen=True)

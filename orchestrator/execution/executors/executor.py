@@ -13,7 +13,7 @@ from rich.console import Console
 
 from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.settings import Settings
-from trainables.training.worker import WorkerPayload
+from trainables.training.messages import WorkerPayload
 
 
 @dataclass(frozen=True)

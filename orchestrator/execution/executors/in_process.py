@@ -18,7 +18,8 @@ from orchestrator.execution.settings import Settings
 from orchestrator.execution.work_queue import Pack
 from trainables.numerics.threads import one_thread
 from trainables.storage.folders import make_folder
-from trainables.training.worker import Reached, Report, Started, WorkerPayload, run_pack
+from trainables.training.messages import Reached, Report, Started, WorkerPayload
+from trainables.training.worker import run_pack
 
 
 class InProcessExecutor:

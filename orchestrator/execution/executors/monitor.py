@@ -13,8 +13,7 @@ from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary
 from orchestrator.execution.work_queue import Pack, Running, WorkQueue
 from trainables import curve
-from trainables.training.cell_run import Outcome, lost, stopped
-from trainables.training.worker import Ended, Logged, Progress, Reached, Report, Started
+from trainables.training.messages import Ended, Logged, Outcome, Progress, Reached, Report, Started, lost, stopped
 
 log = logging.getLogger("deltatune.workers")
 

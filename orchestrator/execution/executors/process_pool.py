@@ -24,7 +24,7 @@ from orchestrator.execution.interrupt import Interrupt
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.work_queue import Pack
 from trainables.storage.folders import make_folder
-from trainables.training.worker import Reached, Started, WorkerPayload
+from trainables.training.messages import Reached, Started, WorkerPayload
 from trainables.training.worker_process import Completed, Crashed, Task
 
 _MAIN = "from trainables.training.worker_process import main; main()"

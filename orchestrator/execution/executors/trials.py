@@ -11,7 +11,7 @@ import ray
 from orchestrator.errors import InterruptedSweepError
 from orchestrator.execution.executors.executor import StageRun
 from orchestrator.execution.executors.monitor import StageMonitor
-from trainables.training.ray_tune import HOLD
+from trainables.training.tune_worker import HOLD
 
 HOLD_SECONDS = 60.0
 """Longest time for which an idle worker is held for the next stage; starting a new one takes a few seconds."""

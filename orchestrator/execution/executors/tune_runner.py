@@ -20,7 +20,7 @@ from orchestrator.execution.executors.executor import StageRun
 from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.executors.trials import Trials
 from orchestrator.execution.interrupt import Interrupt
-from trainables.training.ray_tune import HOLD, METRIC, TIME, run_cells
+from trainables.training.tune_worker import HOLD, METRIC, TIME, run_cells
 
 
 def run(stages: Iterator[StageRun], resources: Resources, checkpoints: Path | None) -> None:

@@ -83,3 +83,11 @@ def test_importing_the_package_loads_nothing(tmp_path: Path) -> None:
     ask = f"import sys, deltatune; print([name for name in {(*HEAVY, 'pydantic', 'yaml')!r} if name in sys.modules])"
     run = subprocess.run([sys.executable, "-c", ask], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_a_driver_that_hands_its_cells_to_ray_compiles_nothing() -> None:
+    """It loads no library of the agents before its workers start: they load their own beside it."""
+    code = "import sys; import orchestrator.execution.session, orchestrator.execution.executors.ray_executor as r; "
+    code += f"print([name for name in {HEAVY!r} if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split("\n")[0] == "['numpy', 'ray']"

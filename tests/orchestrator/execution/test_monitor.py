@@ -12,7 +12,7 @@ from orchestrator.execution.executors.monitor import StageMonitor
 from orchestrator.execution.work_queue import CellStatus, Pack, WorkQueue
 from trainables import curve
 from trainables.cell import Cell
-from trainables.training.worker import Reached
+from trainables.training.messages import Reached
 
 
 class Marked(float):

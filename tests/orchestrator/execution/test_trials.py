@@ -14,7 +14,7 @@ from orchestrator.execution.executors import trials as module
 from orchestrator.execution.executors.trials import Trials
 from orchestrator.execution.work_queue import CellStatus, WorkQueue
 from trainables.cell import Cell
-from trainables.training.ray_tune import HOLD
+from trainables.training.tune_worker import HOLD
 
 CELLS = [Cell.create("q_learning", "windy_gridworld", seed, {"episodes": 10}) for seed in range(4)]
 

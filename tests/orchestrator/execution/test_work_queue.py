@@ -13,7 +13,7 @@ from orchestrator import clock
 from orchestrator.execution.work_queue import FIRST_GUESS, MAX_PACK_SIZE, MAX_WORKER_LOSSES, CellStatus, Pack, WorkQueue
 from trainables import curve
 from trainables.cell import Cell
-from trainables.training.cell_run import Outcome
+from trainables.training.messages import Outcome
 
 CELLS = [Cell.create("q_learning", "windy_gridworld", seed, {"episodes": 10}) for seed in range(40)]
 

@@ -14,7 +14,8 @@ from trainables.knowledge import Knowledge
 from trainables.learners.advice_statistics import NO_DELTA, advised_statistics, take_note
 from trainables.learners.dqn import DeepLearner
 from trainables.numerics.matmul import F32
-from trainables.training.cell_run import Outcome, run_cell
+from trainables.training.cell_run import run_cell
+from trainables.training.messages import Outcome
 
 SMALL: dict[str, Any] = {
     "episodes": 12,

@@ -20,7 +20,8 @@ from trainables.learners.delta_select_es import Selection
 from trainables.networks.network import new_network
 from trainables.storage.checkpoint import load, save
 from trainables.tasks.rollout import Transitions
-from trainables.training.train import Training, source_knowledge, train
+from trainables.training.source_knowledge import source_knowledge
+from trainables.training.train import Training, train
 
 WINDS = [f"windy_gridworld:wind={name}" for name in ("source", "small", "additional_1", "additional_2", "reversed")]
 SHORT = {"episodes": 60, "evaluate_every": 20}

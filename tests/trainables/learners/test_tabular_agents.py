@@ -15,7 +15,8 @@ from trainables.knowledge import Knowledge
 from trainables.learners import q_learning
 from trainables.numerics.rng import stream
 from trainables.training.cell_run import run_cell
-from trainables.training.train import source_knowledge, train
+from trainables.training.source_knowledge import source_knowledge
+from trainables.training.train import train
 
 SOURCE = "windy_gridworld"
 CHAIN = "supply_chain:demand_mean=5"

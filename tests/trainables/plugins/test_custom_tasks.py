@@ -184,7 +184,7 @@ def test_every_tabular_agent_learns_a_task_by_its_model(chain_task: str) -> None
     assert outcome.points["discounted_return"][-1] == pytest.approx(best, rel=1e-6)
     source = Source(task=chain_task, kind="exact")
     for name in ("delta_gate", "policy_reuse"):
-        from trainables.training.train import exact_source
+        from trainables.training.source_knowledge import exact_source
 
         cell = Cell.create(name, f"{chain_task}:slip=0.5", 0, {"episodes": 20}, source)
         assert run_cell(cell, lambda cell: exact_source(chain_task, 0.99)).error is None

@@ -16,8 +16,8 @@ from trainables.curve import EvalPoint
 from trainables.errors import InputError, TrainingError
 from trainables.knowledge import Knowledge
 from trainables.storage import checkpoint
-from trainables.training import cell_run
-from trainables.training.cell_run import Outcome, run_cell
+from trainables.training.cell_run import run_cell
+from trainables.training.messages import Outcome, lost
 from trainables.training.train import Training
 
 POINT = EvalPoint(episode=0, step=0, greedy_return=0.0, discounted_return=0.0, training_return=None, statistics={})
@@ -212,4 +212,4 @@ def test_the_three_kinds_of_errors_are_three() -> None:
     assert issubclass(SweepError, InfrastructureError)
     assert issubclass(checkpoint.CheckpointError, InfrastructureError)
     assert [exit_code(kind("x")) for kind in (InputError, SweepError)] == [2, 1]
-    assert cell_run.lost(CELL, "its worker was lost", 1.0).status == "failed"
+    assert lost(CELL, "its worker was lost", 1.0).status == "failed"

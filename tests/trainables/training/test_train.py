@@ -14,7 +14,8 @@ from trainables.delta.exact import exact_q
 from trainables.errors import InputError, TrainingError
 from trainables.knowledge import Knowledge
 from trainables.learners import q_learning
-from trainables.training.train import exact_source, train
+from trainables.training.source_knowledge import exact_source
+from trainables.training.train import train
 
 
 @pytest.mark.parametrize(
