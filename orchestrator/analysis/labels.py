@@ -69,8 +69,10 @@ def run_name(task: str) -> str:
 
 
 def shared(groups: Sequence[Group]) -> dict[str, Any]:
-    """Return the hyperparameters to show that all groups share."""
+    """Return the hyperparameters to show that all groups share, without those that any of them has tuned."""
     every = [settings(group) for group in groups]
     if len(every) < 2:
         return {}
-    return {name: value for name, value in every[0].items() if all(other.get(name) == value for other in every)}
+    tuned = frozenset[str]().union(*(group.tuned for group in groups))
+    common = (name for name, value in every[0].items() if all(other.get(name) == value for other in every))
+    return {name: every[0][name] for name in common if name not in tuned}

@@ -49,7 +49,7 @@ def sweep(
 
     The same command again continues an interrupted sweep, and runs the cells that an extended search space adds; no
     finished cell runs twice, and one that another sweep of the storage has finished is copied (see --reuse). Try
-    `deltatune sweep demo`, or a small `deltatune sweep demo --seeds 2 --set episodes=500 --name try`.
+    `deltatune sweep demo`, or a small `deltatune sweep demo --seeds 2 --set episodes=2000 --name try`.
     """
     from orchestrator.results.sweep_folder import check_name
     from search_spaces.narrow import narrow

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.analysis.findings import find
-from orchestrator.analysis.labels import cell_name, group_name, settings, settings_text
+from orchestrator.analysis.labels import cell_name, group_name, settings, settings_text, shared
 from orchestrator.analysis.metrics import DIFFERENCE, TRANSFER_RATIO
 from orchestrator.analysis.statistics import Estimate, TransferRatio
 from orchestrator.results.sweep_folder import Results
@@ -56,3 +56,4 @@ def test_what_was_tuned_is_shown_also_where_it_equals_the_default(finished: Path
     gate = next(group for group in findings.groups if group.agent == "delta_gate")
     assert "learning_rate" not in settings(gate)
     assert not any(group_name(group).endswith("q_learning") for group in sources)
+    assert "learning_rate" not in shared(sources[:1] * 2), "it stands beside 'best of 2'"
