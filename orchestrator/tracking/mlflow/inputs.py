@@ -51,7 +51,7 @@ def _type(value: object) -> str:
 
 
 def link_sources(client: MlflowClient, results: Results, sweep: tuple[str, str], models: Mapping[str, str]) -> None:
-    """Link every source model to the aggregates whose cells used it.
+    """Link every source model to the aggregates whose cells used it; MLflow keeps each link once.
 
     sweep: the ids of the experiment and of the sweep. models: a source's cell to its logged model.
     """
@@ -66,8 +66,7 @@ def link_sources(client: MlflowClient, results: Results, sweep: tuple[str, str],
     while True:
         page = client.search_runs([experiment], condition, max_results=1000, page_token=token)
         for run in page:
-            there = {each.model_id for each in run.inputs.model_inputs} if run.inputs else set()
-            _link(client, str(run.info.run_id), used.get(run.data.tags.get("group", ""), set()) - there)
+            _link(client, str(run.info.run_id), used.get(run.data.tags.get("group", ""), ()))
         token = page.token
         if not token:
             return

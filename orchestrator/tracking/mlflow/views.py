@@ -15,6 +15,9 @@ PREFIX = "mlflow.sharedViewState."
 SECTION = "Evaluation curves"
 """The title above the charts of a view."""
 
+CHART_PIXELS = 480
+"""The height of a chart, which is as wide as its page."""
+
 _PIXELS = {
     "AUC": 112,
     "transfer_ratio": 125,
@@ -59,6 +62,7 @@ class Chart:
             "selectedXAxisMetricKey": "",
             "yAxisKey": "metric",
             "yAxisExpressions": [],
+            "displayPoints": False,
             "range": {},
             "ignoreOutliers": False,
             "useGlobalXaxisKey": True,
@@ -97,7 +101,8 @@ class View:
             "columnWidths": WIDTHS,
         }
         if self.charts:
-            state["compareRunSections"] = [{"uuid": self.key, "name": SECTION, "display": True, "isReordered": False}]
+            section = {"uuid": self.key, "name": SECTION, "display": True, "isReordered": False}
+            state["compareRunSections"] = [section | {"columns": 1, "cardHeight": CHART_PIXELS}]
             state["compareRunCharts"] = [chart.card(self.key) for chart in self.charts]
         packed = base64.b64encode(zlib.compress(json.dumps(state).encode())).decode()
         value = {"name": self.name, "createdAt": 0, "updatedAt": 0, "state": f"deflate;{packed}"}
