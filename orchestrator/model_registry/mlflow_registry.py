@@ -7,6 +7,7 @@ twice changes nothing.
 
 from __future__ import annotations
 
+import json
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -43,6 +44,9 @@ from trainables.tasks.registry import parse_task
 ALIAS = "best"
 KNOWLEDGE = "source.npz"
 """The artifact with a version's knowledge."""
+
+VERSIONS = "mlflow.modelVersions"
+"""The tag by which the page of a logged model leads to its registered versions; a server sets it itself."""
 
 REQUIREMENTS = ["mlflow>=3.13", "numpy>=1.26"]
 """The packages that loading a version needs."""
@@ -145,7 +149,10 @@ def _write(client: MlflowClient, name: str, model: SourceModel, parent: Run) -> 
     client.log_outputs(run, [LoggedModelOutput(logged.model_id, 0)])
     text = _version_text(name, model)
     where = logged.artifact_location
-    return client.create_model_version(name, where, run, tags, None, text, model_id=logged.model_id)
+    version = client.create_model_version(name, where, run, tags, None, text, model_id=logged.model_id)
+    there = [{"name": name, "version": str(version.version)}]
+    client.set_logged_model_tags(logged.model_id, {VERSIONS: json.dumps(there)})
+    return version
 
 
 def _logged_model(version: ModelVersion) -> str | None:

@@ -140,7 +140,10 @@ def test_a_source_model_is_linked_to_the_aggregates_that_used_it_once(poles: Res
     mlflow_registry.register_now(poles, uri, sync_now(find(poles), uri, []))
     client = MlflowClient(uri)
     experiment = client.search_experiments(filter_string="name LIKE 'deltatune/%'")[0].experiment_id
-    models = [model.model_id for model in client.search_logged_models([experiment])]
+    logged = client.search_logged_models([experiment])
+    registered = [json.loads(model.tags[mlflow_registry.VERSIONS]) for model in logged]
+    assert sorted(int(each["version"]) for (each,) in registered) == list(range(1, len(logged) + 1))
+    models = [model.model_id for model in logged]
     used = [
         [each.model_id for each in client.get_run(run.info.run_id).inputs.model_inputs]
         for run in client.search_runs([experiment], "tags.kind = 'aggregate' and tags.stage = 'transfer'")
