@@ -90,7 +90,7 @@ class Dataset:
         """
         results = Results.prepare(storage, sweep)
         with locked(results.folder) as hold:
-            results.log.guard(hold)
+            results.guard(hold)
             results.begin(self.space(sweep))
             there = results.heads()
             missing = [record for record in self.records(sweep) if record.cell.id not in there]

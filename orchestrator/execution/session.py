@@ -64,7 +64,7 @@ class SweepSession:
         require_extras(space)
         results = Results.prepare(storage, name)
         with _signals(), locked(results.folder, on_lost=stop_now) as hold, logging_to(results.folder):
-            results.log.guard(hold)
+            results.guard(hold)
             results.begin(space)
             pretrained.keep(sources, results)
             session = cls(results, Tracker(results, tracking_uri) if tracking_uri else None, console, hold)

@@ -40,7 +40,7 @@ def run(
 ) -> RunSummary:
     """Take a sweep's lock and run its missing cells; see `run_held`. Raises InputError where another driver runs it."""
     with locked(results.folder) as hold:
-        results.log.guard(hold)
+        results.guard(hold)
         try:
             return run_held(results, settings, console, on_record)
         finally:

@@ -50,11 +50,15 @@ class Hold:
     who: Who
     token: str = ""
     """Part of the names of this holder's record segments; empty on a disk, where the lock cannot be lost."""
+    takeovers: int = 0
+    """How many holders in a row have not given the lease back before this one: each may still finish one request."""
     lost: bool = False
     """Whether another holds the lease now."""
     _file: str = DRIVER
     _beat: float = field(default_factory=lambda: clock.since_boot())
     """When the last heartbeat that was written began. No other driver takes the lease within half its length of it."""
+    _beating: bool = False
+    """Whether a heartbeat is under way, which may replace the lease of another holder at any moment."""
 
     def check(self) -> None:
         """Raise LeaseLostError where another holds the lease; verify that if the last heartbeat is too old."""
@@ -79,7 +83,8 @@ class Hold:
             there = {} if self._overdue() else self.who
         except Exception as error:  # each kind of storage raises different errors
             raise LeaseUnknownError(f"cannot look up who holds the lease: {error}") from error
-        if isinstance(there, dict) and there.get("token") != self.who["token"]:
+        ours = not isinstance(there, dict) or there.get("token") == self.who["token"]
+        if not ours or (self._beating and self._overdue()):
             self.lost = True
 
     def beat(self) -> None:
@@ -89,10 +94,14 @@ class Hold:
             self.verify()
         if self.lost:
             return
-        _write(self.folder, self._file, self.who | {"alive": clock.time()})
-        if self.token and clock.since_boot() - began > SLOW_SECONDS and self._overdue():
-            self.remove()
-            self.lost = True
+        self._beating = True
+        try:
+            _write(self.folder, self._file, self.who | {"alive": clock.time()})
+        finally:
+            self.lost |= bool(self.token) and clock.since_boot() - began > SLOW_SECONDS and self._overdue()
+            self._beating = False
+        if self.lost:
+            self._unlink()
         self._beat = began
 
     def _overdue(self) -> bool:
@@ -101,9 +110,11 @@ class Hold:
 
     def remove(self) -> None:
         """Remove the holder's file, unless it is another holder's by now."""
-        if self.token:
-            self.verify()
         if not self.lost:
+            self._unlink()
+
+    def _unlink(self) -> None:
+        if not self.token or (_read(self.folder, self._file) or {}).get("token") == self.who["token"]:
             disk.remove(self.folder / self._file)
 
 
@@ -176,13 +187,14 @@ def _lease(folder: Path, file: str, what: str) -> Iterator[Hold]:
     began = clock.since_boot()
     if (there := _read(folder, file)) != before:
         raise _taken(what, there)
+    me["takeovers"] = takeovers = int(before.get("takeovers", 0)) + 1 if before else 0
     _write(folder, file, me)
     slow = clock.since_boot() - began > SLOW_SECONDS
     clock.sleep(LEASE_SECONDS / 2 if slow else SETTLE_SECONDS)  # a driver that it was taken from must notice
     there = _read(folder, file)
     if there is None or there.get("token") != me["token"]:
         raise _taken(what, there)
-    yield Hold(folder, me, me["token"][:8], _file=file, _beat=began)
+    yield Hold(folder, me, me["token"][:8], takeovers, _file=file, _beat=began)
 
 
 def _changes(folder: Path, file: str, before: Who) -> bool:

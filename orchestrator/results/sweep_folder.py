@@ -1,7 +1,7 @@
 """The results of one sweep on disk, from which statistics, figures and MLflow's copy are made.
 
 SWEEP/sweep.json        the search space, as last run
-SWEEP/plan.json         every cell that it asks for, by stage
+SWEEP/plan.json         every cell that it asks for, by stage (see `records.plan_file`)
 SWEEP/records/N.jsonl   the records of ended cells, appended as they end
 SWEEP/cells.parquet     one row per planned cell             } built from the above after each run;
 SWEEP/points.parquet    one row per cell and evaluation point } SWEEP/tables.json has their digests
@@ -20,7 +20,9 @@ from orchestrator import clock
 from orchestrator.planning.arms import PLAIN, Label
 from orchestrator.results import checked_json, plugin_notes
 from orchestrator.results.checked_json import DamagedError, damaged
+from orchestrator.results.lock import Hold
 from orchestrator.results.provenance import commit, versions
+from orchestrator.results.records.plan_file import PlanFile
 from orchestrator.results.records.record import Head, Record
 from orchestrator.results.records.record_log import RecordLog
 from orchestrator.results.tables.cell_row import cell_row
@@ -37,8 +39,8 @@ if TYPE_CHECKING:
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
-SWEEP, PLAN = "sweep.json", "plan.json"
-"""The search space with the origin of the sweep; the cells that it asks for."""
+SWEEP = "sweep.json"
+"""The search space with the origin of the sweep."""
 
 Plan = dict[str, list[Cell]]
 """Stage name to its cells, in order."""
@@ -61,7 +63,7 @@ class Results:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.log = RecordLog(folder / "records")
+        self.log, self._plan = RecordLog(folder / "records"), PlanFile(folder)
         self._space: tuple[Any, SearchSpace] | None = None
         self._tables = TableFiles(folder, self._stamp, self.rows, self._ended_records, lambda: len(self.log.heads()))
         self.repaired: list[str] = []
@@ -85,6 +87,11 @@ class Results:
         Raises InputError for a bad name, or a folder that cannot be written to.
         """
         return cls(make_folder(storage / check_name(name)))
+
+    def guard(self, hold: Hold) -> None:
+        """Write records and plan only while `hold` is valid."""
+        self.log.guard(hold)
+        self._plan.guard(hold)
 
     def begin(self, space: SearchSpace) -> None:
         """Write the search space of a new run. Only for the driver, which holds the lock.
@@ -112,7 +119,7 @@ class Results:
     def _planned_since(self) -> float | None:
         """Return when the sweep was created, from the copy in the plan."""
         try:
-            return float(checked_json.read(self.folder / PLAN)["created"])
+            return float(checked_json.read(self._plan.path())["created"])
         except (InputError, KeyError, TypeError, ValueError):
             return None
 
@@ -171,15 +178,14 @@ class Results:
 
     def set_plan(self, stages: Plan, labels: Mapping[str, Labels] | None = None) -> None:
         """Write the cells that the sweep asks for now, and the labels of their arms. Only for the driver."""
-        self.log.check()
         data: dict[str, Any] = {"schema": 1, "created": self.meta()["created"]}
         data["stages"] = {name: [cell.to_json() for cell in cells] for name, cells in stages.items()}
         data["labels"] = labels or {}
-        checked_json.write(self.folder / PLAN, data)
+        self._plan.write(data)
 
     def plan(self) -> Plan:
         """Return the cells of the last plan. Raises InputError where the file is damaged."""
-        path = self.folder / PLAN
+        path = self._plan.path()
         if not path.exists():
             if self.heads():
                 raise damaged(path, "it is missing")
@@ -191,7 +197,7 @@ class Results:
 
     def labels(self) -> dict[str, Labels]:
         """Return stage to the labels of its cells in the last plan. Raises InputError where the file is damaged."""
-        path = self.folder / PLAN
+        path = self._plan.path()
         stages = checked_json.read(path).get("labels", {}) if path.exists() else {}
         try:
             return {
@@ -253,6 +259,6 @@ class Results:
 
     def _stamp(self) -> str:
         """Return a text that changes with the data from which the tables are built."""
-        path = self.folder / PLAN
+        path = self._plan.path()
         plan = hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else ""
         return f"{plan};{self.log.stamp()}"

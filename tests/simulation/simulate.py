@@ -227,7 +227,8 @@ class User:
             world.injected["refused"] += 1
             return "refused"
         except (SweepError, OSError) as error:
-            if calm:
+            overtaken = "was taken over by" in str(error) and uncertain(world)  # by the last heartbeat of a frozen one
+            if calm and not overtaken:
                 world.violated(f"failed without harm: {error}")
             return "failed"
         except StuckError:

@@ -46,6 +46,8 @@ class RecordLog:
     """'SEGMENT, byte N' of each damaged line seen."""
     torn: dict[str, int] = field(default_factory=dict)
     """Segment to the offset of an unfinished line at its end."""
+    takeovers: int = 0
+    """How many earlier writers may each still write one segment: this one's numbers are higher than theirs."""
     token: str = ""
     """Part of the names of this writer's segments; empty where the folder's lock cannot be lost."""
     check: Callable[[], None] = lambda: None
@@ -63,7 +65,7 @@ class RecordLog:
 
     def guard(self, hold: Hold) -> None:
         """Write only while `hold` is valid."""
-        self.token, self.check = hold.token, hold.check
+        self.token, self.takeovers, self.check = hold.token, hold.takeovers, hold.check
 
     def refresh(self) -> None:
         """Read the lines that were appended since the last call."""
@@ -149,7 +151,7 @@ class RecordLog:
     def _next(self) -> Path:
         """Return a new segment; the folder is listed once, since this writer is the only one."""
         if self._number is None or is_local(self.folder):
-            self._number = max(map(_number, self._segments()), default=-1)
+            self._number = max(map(_number, self._segments()), default=-1) + self.takeovers
         self._number += 1
         return self._path(self._number)
 

@@ -15,8 +15,9 @@ import pytest
 
 from orchestrator import clock
 from orchestrator.errors import LeaseLostError
-from orchestrator.results import lock
+from orchestrator.results import checked_json, lock
 from orchestrator.results.lock import DRIVER, driver, locked, writing_to
+from orchestrator.results.records.plan_file import PlanFile
 from orchestrator.results.records.record_log import RecordLog
 from tests.orchestrator.records import record
 from trainables.errors import InputError
@@ -157,6 +158,62 @@ def test_a_heartbeat_that_took_so_long_that_another_may_have_come_meanwhile_give
     hold.beat()
     assert hold.lost
     assert not (bucket / DRIVER).exists()
+
+
+def test_a_lease_that_only_a_late_heartbeat_has_put_back_is_lost(bucket: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A driver that was frozen in the middle of it finds its own token, though another has had the lease meanwhile."""
+    hold = lock.Hold(bucket, {"token": "a" * 32}, token="a" * 8)
+    now, write = clock.since_boot(), lock._write
+    told: list[bool] = []
+
+    def frozen(folder: Path, file: str, who: lock.Who) -> None:
+        monkeypatch.setattr(clock, "since_boot", lambda: now + 100)
+        write(folder, file, who)
+        with pytest.raises(LeaseLostError):
+            hold.check()
+        told.append(True)
+
+    monkeypatch.setattr(lock, "_write", frozen)
+    hold.beat()
+    assert told
+    assert hold.lost
+    assert not (bucket / DRIVER).exists(), "the next driver need not wait"
+
+
+def test_what_a_driver_was_writing_when_it_lost_its_lease_counts_less_than_what_the_present_one_writes(
+    bucket: Path,
+) -> None:
+    """The frozen driver comes to its end last, and has found no file of the present one when it began to write."""
+    first, second = lock.Hold(bucket, {}, token="f" * 8), lock.Hold(bucket, {}, token="0" * 8, takeovers=1)
+    logs, plans = [RecordLog(bucket / "records") for _ in "12"], [PlanFile(bucket) for _ in "12"]
+    for hold, log, plan in zip((first, second), logs, plans, strict=True):
+        log.guard(hold)
+        plan.guard(hold)
+    log, plan = logs[0], plans[0]
+    segment = log._next()
+    there = bucket / f"plan-000001-{first.token}.json"
+    logs[1].append([record(1).model_copy(update={"seconds": 2.0})])
+    plans[1].write({"schema": 1, "who": "second"})
+    segment.write_bytes(record(1).model_copy(update={"seconds": 1.0}).to_line())
+    checked_json.write(there, {"schema": 1, "who": "first"})
+    again = RecordLog(bucket / "records")
+    again.refresh()
+    found = again.record(record(1).cell.id)
+    assert found is not None
+    assert found.seconds == 2.0
+    assert checked_json.read(PlanFile(bucket).path())["who"] == "second"
+
+
+def test_the_plan_of_an_older_version_on_an_object_store_is_read_and_then_replaced(bucket: Path) -> None:
+    checked_json.write(bucket / "plan.json", {"schema": 1, "who": "old"})
+    plan = PlanFile(bucket)
+    assert checked_json.read(plan.path())["who"] == "old"
+    for token in ("a" * 8, "b" * 8, "c" * 8):
+        plan.guard(lock.Hold(bucket, {}, token=token))
+        for turn in range(2):
+            plan.write({"schema": 1, "who": f"{token} {turn}"})
+        assert checked_json.read(PlanFile(bucket).path())["who"] == f"{token} 1"
+    assert len(list(bucket.glob("plan*.json"))) == 2, "and the one before, for those who are about to read it"
 
 
 def test_compaction_takes_away_no_record_that_it_has_not_read(bucket: Path) -> None:
