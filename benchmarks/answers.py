@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 from orchestrator.results.sweep_folder import Results
-from search_spaces import load
+from search_spaces.loading import load
 
 YARDSTICK = ("-c", "import numpy, yaml, typer")
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from deltatune.run import sweep
     from deltatune.sweep_results import SweepResults, load
     from orchestrator.errors import SweepError
-    from search_spaces import SearchSpace
-    from search_spaces import load as load_space
+    from search_spaces.loading import load as load_space
+    from search_spaces.search_space import SearchSpace
     from trainables.agents.agent import Agent
     from trainables.agents.base import Count, Hyperparameters, NonNegative, Positive, Probability, Rate
     from trainables.agents.builtin.dqn import DQN
@@ -49,7 +49,8 @@ _PLACES = {
     "deltatune.run": ("sweep",),
     "deltatune.sweep_results": ("SweepResults", "load"),
     "orchestrator.errors": ("SweepError",),
-    "search_spaces": ("SearchSpace", "load_space:load"),
+    "search_spaces.loading": ("load_space:load",),
+    "search_spaces.search_space": ("SearchSpace",),
     "trainables.agents.agent": ("Agent",),
     "trainables.agents.hyperparameters": (
         *("Hyperparameters", "QLearning", "Transfer", "DQN", "ExplicitShaping"),

@@ -12,7 +12,7 @@ Scalar = float | int | str | bool
 class Strict(BaseModel):
     """Data that refuses unknown keys and never reads a number from text. The strings below fields are in the schema."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
 
 class Grid(Strict):

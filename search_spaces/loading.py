@@ -6,13 +6,16 @@ import os
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from search_spaces.plugin_names import pinned
 from search_spaces.safe_yaml import read_yaml, scalar
-from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError, from_validation, unknown
+
+if TYPE_CHECKING:
+    from search_spaces.search_space import SearchSpace
 
 __all__ = ["built_in", "load", "parse", "read_yaml", "scalar"]
 
@@ -30,6 +33,8 @@ def parse(where: str, data: object, folders: Sequence[Path] = ()) -> SearchSpace
 
     folders: where the files of custom tasks and agents are looked for and run; without any, no file is run.
     """
+    from search_spaces.search_space import SearchSpace  # with all agents and tasks: listing the spaces needs none
+
     if not isinstance(data, dict):
         raise InputError(f"{where}: a search space must be a mapping of keys to values")
     if "schema" not in data:

@@ -10,9 +10,9 @@ from small_space import SMALL
 
 from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import settle, untrained
-from search_spaces import narrow
 from search_spaces.domains import Grid
 from search_spaces.loading import load, parse
+from search_spaces.narrow import narrow
 from search_spaces.search_space import SearchSpace
 from trainables.errors import InputError
 

@@ -142,7 +142,7 @@ def spaces(
     as_json: Json = False,
 ) -> None:
     """List the built-in search spaces, or show one: `deltatune spaces demo > mine.yaml`."""
-    from search_spaces.loading import built_in, load
+    from search_spaces.loading import built_in, load, read_yaml
 
     if schema:
         from search_spaces.json_schema import json_schema
@@ -157,11 +157,11 @@ def spaces(
         else:
             typer.echo(built_in().get(name, Path(name)).read_text(), nl=False)
         return
-    found = [load(each) for each in built_in()]
     if as_json:
-        print_json([space.to_json() for space in found])
-    else:
-        out.print(table(("name", "description"), [(space.name, space.description) for space in found]))
+        print_json([load(each).to_json() for each in built_in()])
+        return
+    texts = [read_yaml(path) for path in built_in().values()]
+    out.print(table(("name", "description"), [(text["name"], text["description"]) for text in texts]))
 
 
 @app.command(rich_help_panel=CATALOGUE_PANEL)

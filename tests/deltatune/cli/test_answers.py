@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     from orchestrator.planning.plan import source_arms
     from orchestrator.results.sweep_folder import Results
-    from search_spaces import parse
+    from search_spaces.loading import parse
 
     path, space = tmp_path_factory.mktemp("answers"), parse("small", SPACE)
     results = Results.create(path / "results", "small", space)

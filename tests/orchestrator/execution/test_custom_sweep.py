@@ -19,8 +19,8 @@ from orchestrator.execution.replay import replay
 from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run
 from orchestrator.results.sweep_folder import Results
-from search_spaces import narrow
 from search_spaces.loading import load
+from search_spaces.narrow import narrow
 from search_spaces.search_space import SearchSpace
 from search_spaces.template import starter
 from trainables.custom import load as load_name
