@@ -14,6 +14,9 @@ from orchestrator.planning.arms import Key
 
 NAME, TITLE = "sensitivity", "Sensitivity to each hyperparameter"
 
+LOG_FROM = 20
+"""Ratio of the largest to the least value from which the axis is logarithmic."""
+
 MAX_NAMED = 8
 """Values of a hyperparameter that are evenly spaced on the axis; with more, numbers are drawn to scale."""
 
@@ -57,7 +60,7 @@ def _panel(task: str, name: str, found: dict[Key, list[Group]]) -> Panel:
     series = tuple(
         _series(key, groups, name, places, "points" if to_scale else "linked") for key, groups in mine.items()
     )
-    log = to_scale and values[0] > 0 and values[-1] / values[0] > 50
+    log = to_scale and values[0] > 0 and values[-1] / values[0] > LOG_FROM
     ticks = () if to_scale else tuple(_text(value) for value in values)
     return Panel(task, name, "AUC", series, task, x_ticks=ticks, x_log=log)
 

@@ -35,7 +35,10 @@ class Importance:
 
 
 def importances(findings: Findings) -> list[Importance]:
-    """Return the importance for each arm with ranges and at least MIN_CONFIGURATIONS complete configurations."""
+    """Return the importance for each arm with ranges and at least MIN_CONFIGURATIONS complete configurations.
+
+    Two hyperparameters must vary: the share of a single one is 1, whatever it does.
+    """
     arms: dict[Key, list[Group]] = {}
     for group in findings.groups:
         if group.complete and group.auc:
@@ -45,7 +48,7 @@ def importances(findings: Findings) -> list[Importance]:
     for key, groups in arms.items():
         if len(groups) < MIN_CONFIGURATIONS or not (searched := ranges(space, groups[0])):
             continue
-        if space_of_arm := _distributions(groups, searched):
+        if len(space_of_arm := _distributions(groups, searched)) > 1:
             shares = _fanova(groups, space_of_arm)
             if shares is not None:
                 found.append(Importance(key, groups[0].source_label, len(groups), shares))

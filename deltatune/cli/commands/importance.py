@@ -24,8 +24,8 @@ def importance(name: Sweep, storage: Storage = RESULTS, as_json: Json = False) -
         return
     if not found:
         out.print(
-            f"Nothing to show: no agent of {name} has ranges of hyperparameters and at least {MIN_CONFIGURATIONS} "
-            "configurations with every seed done.",
+            f"Nothing to show: no agent of {name} has varied two hyperparameters, one of them over a range, in "
+            f"{MIN_CONFIGURATIONS} or more configurations with every seed done.",
             soft_wrap=True,
         )
         return

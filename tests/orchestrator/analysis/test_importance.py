@@ -22,11 +22,14 @@ SPACE: dict[str, Any] = {
     "search": {"method": "random", "budget": 30},
 }
 
+NAMES = ("nu", "learning_rate")
 
-def sweep(folder: Path, draws: int, space: dict[str, Any] = SPACE) -> Findings:
+
+def sweep(folder: Path, draws: int, space: dict[str, Any] = SPACE, names: tuple[str, ...] = NAMES) -> Findings:
     """A sweep whose AUC is that of `nu` alone, with noise."""
     rng = np.random.default_rng(1)
     values = [{"nu": rng.uniform(0.5, 1), "learning_rate": 10 ** rng.uniform(-2, 0)} for _ in range(draws)]
+    values = [{name: each[name] for name in names} for each in values]
     made = synthetic.findings(folder, 1, 2, 5, {"q_learning": [{}], "ppr": values}, **space)
     cells = made.cells.copy()
     for at, row in cells.iterrows():
@@ -51,6 +54,10 @@ def test_the_figure_has_a_bar_per_hyperparameter(tmp_path: Path) -> None:
     (panel,) = drawn.panels
     assert panel.x_ticks == ("nu", "learning_rate")
     assert sum(y or 0 for y in panel.series[0].y) == pytest.approx(100)
+
+
+def test_the_share_of_a_single_hyperparameter_is_not_shown(tmp_path: Path) -> None:
+    assert importances(sweep(tmp_path, 30, names=("nu",))) == []
 
 
 def test_few_draws_and_grids_have_none(tmp_path: Path) -> None:
