@@ -185,9 +185,9 @@ def winners(findings: Findings) -> list[Group]:
     """Return the best configuration over all agents on each target."""
     best = []
     for target in targets(findings):
-        here = [group for group in findings.best if group.task == target and group.auc]
+        here = [group for group in findings.best if group.task == target and group.judged.auc]
         if here:
-            best.append(max(here, key=lambda group: group.auc.value if group.auc else 0.0))
+            best.append(max(here, key=lambda group: group.judged.auc.value if group.judged.auc else 0.0))
     return best
 
 

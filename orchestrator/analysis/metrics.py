@@ -161,8 +161,7 @@ def _iqm(seeds: Seeds) -> Estimate | None:
 
 
 def _transfer_ratio(seeds: Seeds) -> TransferRatio | None:
-    both = seeds.pairs("auc")
-    return statistics.transfer_ratio(*both) if both else None
+    return seeds.ratio("auc")
 
 
 def _improvement(seeds: Seeds) -> Estimate | None:

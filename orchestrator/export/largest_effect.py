@@ -12,16 +12,17 @@ from trainables.errors import InputError
 def largest_effect(path: Path) -> dict[str, Any] | None:
     """Return the clearest gain by transfer in a file that `write_best` wrote, else the clearest loss, else None.
 
-    The clearest is the one whose interval of the transfer ratio is farthest from 0.
+    The clearest is the one whose interval of the transfer ratio is farthest from 0; what was confirmed
+    counts by its unseen seeds.
     """
     try:
         entries = read_yaml(path)["best"]
     except (InputError, KeyError, TypeError):
         return None
     effects = [
-        {"task": entry["task"], "agent": entry["agent"], "source": entry["source"], **entry["transfer_ratio"]}
+        {"task": entry["task"], "agent": entry["agent"], "source": entry["source"], **ratio}
         for entry in entries
-        if (entry.get("transfer_ratio") or {}).get("low") is not None
+        if (ratio := entry.get("confirmed", entry).get("transfer_ratio") or {}).get("low") is not None
     ]
     gains = [effect for effect in effects if effect["low"] > 0]
     losses = [effect for effect in effects if effect["high"] < 0]

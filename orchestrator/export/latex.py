@@ -24,6 +24,11 @@ SPECIAL = {
 }
 """LaTeX's special characters and how they are escaped."""
 
+MARK = r"$^{\dagger}$"
+"""Follows the number of seeds where they are unseen ones."""
+
+UNSEEN = "on seeds that had no part in selecting the configuration."
+
 
 def escape(text: str) -> str:
     """Return `text` escaped for LaTeX; line ends become spaces."""
@@ -32,15 +37,19 @@ def escape(text: str) -> str:
 
 
 def table_1(findings: Findings) -> str:
-    """Return the best configuration of each agent on each task, with the paper's numbers in a last column if any."""
+    """Return the best configuration of each agent on each task, with the paper's numbers in a last column if any.
+
+    What was confirmed has the figures of its unseen seeds, and a mark that the caption explains.
+    """
     best = findings.best
     paper = any(same_row(group) for group in best)
-    metrics = present("report", best)
+    metrics = present("report", [group.judged for group in best])
     titles = [metric.latex or escape(metric.label[:1].upper() + metric.label[1:]) for metric in metrics]
     head = ["Agent", "Seeds", *titles, *(["Paper"] if paper else [])]
     lines = [rf"% {escape(findings.results.name)}: needs \usepackage{{booktabs}}", r"\begin{table}", r"\centering"]
     level = rf"{LEVEL * 100:.0f}\,\%"
     caption = f"{escape(findings.results.name)}: AUC, mean (sd) over seeds, and transfer with {level} intervals."
+    caption += f" {MARK}: {UNSEEN}" if any(group.confirmed for group in best) else ""
     caption += f" {escape(said)}" if (said := optimism(best)) else ""
     lines += [rf"\caption{{{caption}}}", rf"\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}", r"\toprule"]
     lines.append(" & ".join(head) + r" \\")
@@ -57,9 +66,10 @@ def _row(group: Group, paper: bool, metrics: Sequence[Metric]) -> list[str]:
         + ("" if group.source_label == "none" else f", {group.source_label}")
         + ("" if text == "-" else f" ({text})")
     )
-    cells = [r"\quad " + escape(name), str(len(group.seeds))]
+    judged = group.judged
+    cells = [r"\quad " + escape(name), f"{len(judged.seeds)}{MARK if group.confirmed else ''}"]
     cells += [
-        metric.write(group.estimates.get(metric.key), _number, missing="--", least=r"$\ge$ ") for metric in metrics
+        metric.write(judged.estimates.get(metric.key), _number, missing="--", least=r"$\ge$ ") for metric in metrics
     ]
     row = same_row(group)
     return cells + ([f"{_number(row.auc, 2)} ({row.sd:g})" if row else "--"] if paper else [])

@@ -92,6 +92,8 @@ def compare(
 ) -> None:
     """Compare the best configurations of two sweeps, where both have the same task, agent and source.
 
+    On the unseen seeds, marked *, where both sweeps have confirmed them.
+
     The difference is B - A in AUC, paired by the seeds that both have, with its 95 % interval.
     """
     both = [findings_of(storage, name) for name in (first, second)]
@@ -109,10 +111,14 @@ def compare(
     for row in found.rows:
         task = short(row.task)
         gap = DIFFERENCE.text(row.difference) if row.difference else "no seed in common"
-        aucs = f"{row.first:.2f}", f"{row.second:.2f}"
+        aucs = tuple(f"{auc:.2f}{'*' if row.confirmed else ''}" for auc in (row.first, row.second))
         rows.append(("" if task == last else task, short(row.agent), row.source, *aucs, gap, row.verdict))
         last = task
     out.print(table(columns, rows, "Best configurations by mean AUC over seeds"))
+    if any(row.confirmed for row in found.rows):
+        out.print("* on seeds that had no part in selecting the configuration", soft_wrap=True)
+    if found.note:
+        out.print(found.note, soft_wrap=True, style="yellow")
     for name, only in ((first, found.only_first), (second, found.only_second)):
         if only:
             out.print(f"Only in {name}: {'; '.join(short(each) for each in only)}", soft_wrap=True)

@@ -8,13 +8,16 @@ independent would be far too narrow: one source network changes its whole row.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import optimize
 
-from orchestrator.analysis.statistics import LEVEL, Estimate, tested
+from orchestrator.analysis import statistics
+from orchestrator.analysis.statistics import LEVEL, Estimate, TransferRatio, tested
 
 Table = NDArray[np.float64]
 """(sources, seeds)"""
@@ -105,3 +108,44 @@ def mean(table: Table) -> Estimate:
     parts = between**2 / (sources - 1) + within**2 / (seeds - 1) + rest**2 / ((sources - 1) * (seeds - 1))
     df = spread**2 / parts if parts > 0 else float(min(sources, seeds) - 1)
     return tested(value, math.sqrt(spread / table.size), df)
+
+
+WIDEST = 1e9
+"""A ratio of two means beyond this many times its own size is not looked for."""
+
+
+def transfer_ratio(with_transfer: Table, without: Table) -> TransferRatio:
+    """Return the transfer ratio of two tables (sources, seeds), for which sources and seeds are both random.
+
+    Fieller's argument with `mean` in place of Student's t: the interval holds every ratio r for which the mean of
+    A_t - r A_w is within its own interval of 0. For one source network it is Fieller's own, over seeds.
+    """
+    if len(with_transfer) == 1:
+        return statistics.transfer_ratio(list(with_transfer[0]), list(without[0]))
+    over_seeds = statistics.transfer_ratio(list(with_transfer.mean(axis=0)), list(without.mean(axis=0)))
+    if over_seeds.value is None or over_seeds.low is None:
+        return over_seeds
+    base = float(without.mean())
+    ratio = float(with_transfer.mean()) / base
+
+    def outside(r: float) -> float:
+        gap = mean(with_transfer - r * without)
+        assert gap.low is not None
+        assert gap.high is not None
+        return max(gap.low, -gap.high)
+
+    if outside(ratio) == 0:
+        return over_seeds
+    ends = (_zero(outside, ratio, side) for side in (-1.0, 1.0))
+    low, high = sorted(math.copysign(1.0, base) * (end - 1.0) for end in ends)
+    return TransferRatio(over_seeds.value, low, high)
+
+
+def _zero(outside: Callable[[float], float], ratio: float, side: float) -> float:
+    """Return where `outside`, below 0 at `ratio`, rises to 0 on one side of it."""
+    step = 1e-3 * max(abs(ratio), 1e-3)
+    while outside(ratio + side * step) < 0:
+        step *= 2
+        if step > WIDEST * max(abs(ratio), 1.0):
+            return side * math.inf
+    return float(optimize.brentq(outside, ratio, ratio + side * step, xtol=1e-12))

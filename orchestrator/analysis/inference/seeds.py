@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from orchestrator.analysis.inference import crossed, pairs
-from orchestrator.analysis.statistics import Estimate
+from orchestrator.analysis.statistics import Estimate, TransferRatio
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,12 @@ class Seeds:
         """Return the mean difference of a column from the agent without transfer, or None where there is none."""
         return None if self.paired is None else pairs.difference(self.paired, column)
 
-    def pairs(self, column: str) -> tuple[list[float], list[float]] | None:
-        """Return a column with transfer and without it, paired by seed, or None where there is nothing to compare.
-
-        Of several source networks at a seed, the mean.
-        """
+    def ratio(self, column: str) -> TransferRatio | None:
+        """Return the transfer ratio of a column, or None where there is nothing to compare."""
         if self.paired is None:
             return None
-        means = self.paired.groupby("seed")[[column, f"{column}_base"]].mean()
-        return list(means[column]), list(means[f"{column}_base"])
+        both = (crossed.rectangle(self.paired, name) for name in (column, f"{column}_base"))
+        return crossed.transfer_ratio(*both)
 
     def _has(self, column: str) -> bool:
         return bool(len(self.done)) and column in self.done and not self.done[column].isna().any()

@@ -104,6 +104,7 @@ def numbers(group: Group) -> dict[str, Any]:
 def confirmed_numbers(found: Group) -> dict[str, Any]:
     """Return the numbers of a confirmation, as columns next to those of the seeds that selected the configuration."""
     record: dict[str, Any] = {"confirmed_seeds": len(found.seeds), "confirmed_verdict": found.verdict}
+    record["confirmed_holds"] = found.corrected.holds if found.corrected else None
     for metric in METRICS:
         record |= {
             f"confirmed_{name}": value for name, value in metric.numbers(found.estimates.get(metric.key)).items()

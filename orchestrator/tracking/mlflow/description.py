@@ -12,6 +12,7 @@ from orchestrator.analysis.metrics import METRICS
 from orchestrator.analysis.selection import optimism
 from orchestrator.analysis.tables.summary_table import CONFIRMED_COLUMNS, confirmed_texts, table
 from orchestrator.markdown import table as markdown_table
+from orchestrator.planning.confirmation import CONFIRMATION
 from orchestrator.results.pretrained_names import options
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.mlflow.views import LEADERBOARD
@@ -52,17 +53,19 @@ def _confirmed(best: Sequence[Group]) -> list[str]:
 
 def _headline(best: Sequence[Group]) -> list[str]:
     """Return a table of the best configuration on each target; MLflow shows only the first lines of a description."""
-    shown = [group.judged for group in best if group.stage == "transfer" and group.judged.auc]
+    judged = [group.judged for group in best if group.stage == "transfer"]
+    shown = [group for group in judged if group.auc]
     if not shown:
         return []
     rows = []
     for task in dict.fromkeys(group.task for group in shown):
         group = max((one for one in shown if one.task == task), key=lambda one: one.auc.value if one.auc else 0.0)
         texts = [metric.text(group.estimates.get(metric.key)) for metric in METRICS if metric.key in HEADLINE]
-        rows.append((short(task), short(group.agent), *texts, group.verdict_text or "no transfer"))
+        seeds = f"{len(group.seeds)}{' unseen' if group.stage in CONFIRMATION else ''}"
+        rows.append((short(task), short(group.agent), seeds, *texts, group.verdict_text or "no transfer"))
     said = optimism(shown)
     return [
-        *markdown_table(("best on", "agent", "AUC", "transfer ratio", "verdict"), rows),
+        *markdown_table(("best on", "agent", "seeds", "AUC", "transfer ratio", "verdict"), rows),
         "",
         *([said, ""] if said else []),
     ]

@@ -59,7 +59,11 @@ def group_figures(group: Group) -> tuple[dict[str, float], dict[str, str]]:
         metrics |= {name: value for name, value in found.items() if value is not None}
     if group.confirmed:
         found = confirmed_numbers(group.confirmed)
-        metrics |= {name: value for name, value in found.items() if isinstance(value, float | int)}
+        metrics |= {
+            name: value
+            for name, value in found.items()
+            if isinstance(value, float | int) and not isinstance(value, bool)
+        }
         texts = confirmed_texts(group.confirmed)
         names = ("unseen seeds", *(f"confirmed {TEXTS[metric.key]}" for metric in CONFIRMED))
         tags |= {**dict(zip(names, texts, strict=True)), "confirmed verdict": group.confirmed.verdict_text or "-"}
@@ -103,12 +107,15 @@ def places(groups: Sequence[Group]) -> dict[str, str]:
     return found
 
 
-def sweep_metrics(groups: Sequence[Group], best: Sequence[Group]) -> dict[str, float]:
-    """Return the metrics of the sweep's own run: how often transfer helped, and the best AUC on each target."""
+def sweep_metrics(best: Sequence[Group]) -> dict[str, float]:
+    """Return the metrics of the sweep's own run: how often transfer helped, and the best AUC on each target.
+
+    Of what was confirmed, the figures of the unseen seeds.
+    """
     counts = Counter(group.judged.verdict for group in best if group.judged.verdict)
     metrics: dict[str, float] = {f"transfer_{name}": counts[name] for name in ("helped", "hurt", "undecided")}
-    for group in groups:
-        if group.stage == "transfer" and group.complete and group.auc:
+    for group in (group.judged for group in best if group.stage == "transfer"):
+        if group.auc:
             name = re.sub(r"[^\w./: -]+", " ", f"best_auc {run_name(group.task)}", flags=re.ASCII)[:250]
             metrics[name] = max(metrics.get(name, -math.inf), float(f"{group.auc.value:.{DIGITS}g}"))
     return metrics

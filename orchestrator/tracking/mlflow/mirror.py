@@ -128,7 +128,7 @@ class Mirror:
             runs.nest(("cell", str(cell_id)), groups)
         description = markdown(self._results, findings.groups, findings.best)
         runs.client.set_tag(self.parent, "mlflow.note.content", description)
-        self._log_sweep_metrics(sweep_metrics(findings.groups, findings.best))
+        self._log_sweep_metrics(sweep_metrics(findings.best))
         self._log_table(findings)
         for path in artifacts:
             folder = Path(path.parent.relative_to(self._results.folder).as_posix())

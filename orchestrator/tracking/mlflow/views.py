@@ -26,7 +26,10 @@ _PIXELS = {
     "source": 85,
     "difference": 150,
     "place": 70,
-} | {"holds": 60}
+    "holds": 60,
+    "confirmed AUC": 125,
+    "confirmed verdict": 130,
+}
 
 WIDTHS = {f"tags.`{name}`": width for name, width in (_PIXELS | {"agent": 130}).items()}
 """Widths of columns in pixels; a window of 1000 shows the first three of the leaderboard next to the names."""
@@ -109,13 +112,16 @@ class View:
         return PREFIX + self.key, json.dumps(value)
 
 
+CONFIRMED = ("confirmed AUC", "confirmed verdict")
+"""The columns of what was confirmed on unseen seeds."""
+
 LEADERBOARD = View(
     "deltatune-leaderboard",
     "Leaderboard",
     "tags.kind = 'aggregate' and tags.stage = 'transfer'",
     "tags.`place`",
     True,
-    ("AUC", "transfer_ratio", "verdict", "task", "source", "difference", "holds", "place"),
+    ("AUC", "transfer_ratio", "verdict", "task", "source", "difference", "holds", *CONFIRMED, "place"),
     (),
     (Chart("Evaluation curve with its 95 % interval", CURVES),),
 )
@@ -126,10 +132,10 @@ VIEWS = (
     View(
         "deltatune-negative-transfer",
         "Negative transfer",
-        "tags.kind = 'aggregate' and metrics.transfer_ratio_high < 0",
+        "tags.kind = 'aggregate' and tags.stage = 'transfer' and metrics.transfer_ratio_high < 0",
         "metrics.`transfer_ratio`",
         True,
-        ("AUC", "transfer_ratio", "verdict", "source", "difference", "holds"),
+        ("AUC", "transfer_ratio", "verdict", "source", "difference", "holds", *CONFIRMED),
         (),
     ),
     View(

@@ -179,3 +179,43 @@ def test_a_sweep_of_one_source_model_says_that_it_is_one_draw(tmp_path: Path) ->
     shown, absent = sections.sections(findings, sections.figures(findings))
     assert "one draw" in next(each.reason for each in absent if each.name == "variance")
     assert "every result is one draw" in next(section.lead for section in shown if section.id == "results")
+
+
+def test_a_transfer_ratio_of_one_source_network_is_fiellers() -> None:
+    without = TABLE[1:2] + 10
+    assert crossed.transfer_ratio(TABLE[:1] + 12, without) == statistics.transfer_ratio(
+        list(TABLE[0] + 12), list(without[0])
+    )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_ends_of_a_transfer_ratio_are_where_the_difference_is_just_not_decided(sign: float) -> None:
+    a_t, a_w = sign * (TABLE + 12), sign * np.broadcast_to(TABLE[1] + 10, TABLE.shape)
+    found = crossed.transfer_ratio(a_t, a_w)
+    assert found.value == pytest.approx(sign * (a_t.mean() / a_w.mean() - 1))
+    assert found.low is not None
+    assert found.high is not None
+    assert found.low < found.value < found.high
+    for end in (found.low, found.high):
+        gap = crossed.mean(a_t - (1 + sign * end) * a_w)
+        assert min(abs(gap.low or 0), abs(gap.high or 0)) == pytest.approx(0, abs=1e-9)
+
+
+def test_a_transfer_ratio_covers_what_other_source_networks_would_have_given() -> None:
+    rng, covered, narrow = np.random.default_rng(3), 0, 0
+    for _ in range(300):
+        a_w = 100 + rng.normal(0, 5, (1, 6)).repeat(5, axis=0)
+        a_t = 1.1 * a_w + draw(rng, 5, 6, (10.0, 0.0, 5.0))
+        found, seeds = crossed.transfer_ratio(a_t, a_w), statistics.transfer_ratio(list(a_t.mean(0)), list(a_w[0]))
+        covered += (found.low or 0) <= 0.1 <= (found.high or 0)
+        narrow += (seeds.low or 0) <= 0.1 <= (seeds.high or 0)
+    assert covered >= 0.92 * 300
+    assert narrow < 0.8 * 300
+
+
+def test_a_transfer_ratio_without_an_interval() -> None:
+    flat = np.full((3, 4), 5.0)
+    assert crossed.transfer_ratio(flat, flat).value == 0
+    assert (crossed.transfer_ratio(flat, flat).low, crossed.transfer_ratio(flat, flat).high) == (0, 0)
+    assert crossed.transfer_ratio(TABLE, np.array([[-1.0, 1.0, -2.0, 2.0]] * 3)).undefined is not None
+    assert crossed.transfer_ratio(TABLE[:, :1], flat[:, :1]).low is None

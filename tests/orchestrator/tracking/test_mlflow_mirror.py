@@ -124,7 +124,7 @@ def test_the_sweeps_run_has_the_answer_as_metrics_and_first_in_its_description(m
     assert sum(name.startswith("best_auc ") for name in parent.data.metrics) == len(
         {group.task for group in best} - {"windy_gridworld"}
     )
-    assert parent.data.tags["mlflow.note.content"].startswith("|best on|agent|AUC|transfer ratio|verdict|")
+    assert parent.data.tags["mlflow.note.content"].startswith("|best on|agent|seeds|AUC|transfer ratio|verdict|")
 
 
 def test_a_curve_has_the_episode_as_its_step(mirrored: Results) -> None:
