@@ -7,7 +7,7 @@ from pathlib import Path
 
 import jinja2
 
-from benchmarks.reproduction import figures, tables
+from benchmarks.reproduction import figures, safe, tables
 from benchmarks.reproduction.claims import DEMANDS, MARGIN
 from benchmarks.reproduction.curves import Curves
 from benchmarks.reproduction.verdicts import findings
@@ -25,7 +25,7 @@ PAIRS = (
 
 def page(dataset: Dataset, curves: Curves) -> str:
     """Return the page; `curves` are the dataset's."""
-    found = findings(curves)
+    found, standings = findings(curves), safe.standings(curves)
     similar = figures.similarities(curves)
     correlation = (
         statistics.rank_correlation(list(similar["delta"]), list(similar["ratio"])) if len(similar) > 2 else None
@@ -40,6 +40,10 @@ def page(dataset: Dataset, curves: Curves) -> str:
         table_1=tables.table_1(curves),
         progress=tables.progress(curves),
         early=tables.early(curves),
+        fractions=bool(figures.advice_fractions(curves).panels),
+        safe=standings,
+        safe_table=safe.table(standings, curves) if standings else "",
+        safe_differences=safe.differences(standings, curves) if standings else "",
         sentences=tables.sentences(found),
         verdicts=tables.verdicts(found),
         theorems=tables.theorems(PAIRS),

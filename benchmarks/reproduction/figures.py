@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from benchmarks.reproduction.claims import DEMANDS, DQN, GATE, PPR, REVERSED, SMALL, SUPPLY_GATE, Arm, Q
-from benchmarks.reproduction.curves import Curves
+from benchmarks.reproduction import safe
+from benchmarks.reproduction.claims import DEMANDS, DQN, GATE, PPR, REVERSED, SMALL, SUPPLY_GATE, X5, Arm, Q
+from benchmarks.reproduction.curves import Curves, seeds, transfer_ratio
 from benchmarks.reproduction.tables import OTHERS, ROWS
 from dashboards import style
 from dashboards.figure_model import Chart, Level, Panel, Series
@@ -19,9 +20,10 @@ from trainables.delta.bounds import bounds
 
 def draw(curves: Curves, folder: Path) -> list[Path]:
     """Write every figure that the published cells are there for; the files."""
-    style.assign([*AGENTS, *OTHERS, "q_learning", "policy_reuse", "ppr", "delta_gate"])
+    style.assign([*AGENTS, *OTHERS, "jsrl", "safe_start", "q_learning", "policy_reuse", "ppr", "delta_gate"])
     folder.mkdir(parents=True, exist_ok=True)
-    charts = [chart for chart in (ratios(curves), similarity(curves), algorithm_1(curves)) if chart.panels]
+    every = ratios(curves), advice_fractions(curves), similarity(curves), algorithm_1(curves)
+    charts = [chart for chart in (*every, safe.profiles(safe.standings(curves))) if chart.panels]
     paths = [path for chart in charts for path in matplotlib_renderer.draw(chart, "reproduction", folder)]
     for path in paths:
         if path.suffix == ".svg":
@@ -35,9 +37,10 @@ def ratios(curves: Curves) -> Chart:
     for target in ROWS:
         rows = []
         for agent in (*AGENTS[1:], *OTHERS):
-            first, base = curves.paired(target, Arm(agent), DQN)
-            if len(first) > 1 and (ratio := statistics.transfer_ratio(first, base)).value is not None:
-                rows.append((agent, ratio, len(first)))
+            both = curves.paired(target, Arm(agent), DQN)
+            ratio = transfer_ratio(both)
+            if ratio is not None and ratio.value is not None:
+                rows.append((agent, ratio, seeds(both)))
         if not rows:
             continue
         series = tuple(
@@ -51,12 +54,32 @@ def ratios(curves: Curves) -> Chart:
             )
             for place, (agent, ratio, _) in enumerate(rows)
         )
-        names = tuple(f"{agent} ({seeds})" for agent, _, seeds in rows)
+        names = tuple(f"{agent} ({number})" for agent, _, number in rows)
         panels.append(
             Panel(target, "transfer ratio (%)", "", series, levels=(Level(0.0, upright=True),), y_ticks=names)
         )
     caption = "Transfer ratio with its 95 % interval; in brackets the seeds."
     return Chart("table1", "Table 1", caption, caption, tuple(panels))
+
+
+FRACTIONS = (0.25, 0.5, 1.0)
+
+
+def advice_fractions(curves: Curves) -> Chart:
+    """Figure 4: the AUC against the share of training with advice, beside dqn's; empty until two shares are there."""
+    series = []
+    for agent in AGENTS[1:]:
+        found = [(at, curves.mean(X5, Arm(agent, (("advice_fraction", at),)))) for at in FRACTIONS]
+        known = [(at, mean) for at, mean in found if mean is not None]
+        if len(known) > 1:
+            x, means = zip(*known, strict=True)
+            band = tuple(mean.low for mean in means), tuple(mean.high for mean in means)
+            series.append(Series(agent, agent, x, tuple(mean.value for mean in means), band, form="linked"))
+    base = curves.mean(X5, DQN)
+    levels = (Level(base.value, "dqn", "dqn"),) if base else ()
+    panel = Panel(X5, "share of the training with advice", "AUC", tuple(series), X5, levels)
+    caption = "AUC against the share of training with advice, with 95 % intervals over source networks and seeds."
+    return Chart("figure4", "Figure 4", caption, caption, (panel,) if series else (), columns=1)
 
 
 def similarity(curves: Curves) -> Chart:
@@ -81,10 +104,9 @@ def similarities(curves: Curves) -> pd.DataFrame:
     rows = []
     for wind in ("", "small", "additional_1", "additional_2", "reversed"):
         target = f"windy_gridworld:wind={wind}" if wind else "windy_gridworld"
-        first, base = curves.paired(target, Arm("policy_reuse"), Q)
-        if len(first) < 2:
+        ratio = transfer_ratio(curves.paired(target, Arm("policy_reuse"), Q))
+        if ratio is None:
             continue
-        ratio = statistics.transfer_ratio(first, base)
         delta = bounds("windy_gridworld", target).max_abs_delta
         ends = (100 * (end or 0.0) for end in (ratio.value, ratio.low, ratio.high))
         rows.append((wind or "the source's own task", delta, *ends))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+import pandas as pd
+
 from benchmarks.reproduction.claims import DEMANDS, DQN, MARGIN, REVERSED, SMALL, Arm, Claim, Q
-from benchmarks.reproduction.curves import Curves
+from benchmarks.reproduction.curves import Curves, difference, seeds, transfer_ratio
 from benchmarks.reproduction.verdicts import Finding
 from orchestrator.analysis import statistics
 from orchestrator.analysis.statistics import Estimate
@@ -57,22 +59,24 @@ def _rows(curves: Curves, target: str) -> Iterable[Sequence[object]]:
         if cells.empty:
             yield target, agent, 0, "-", "not run", "-", "-", paper
             continue
-        aucs = list(cells["auc"])
-        digits = 2 if abs(statistics.mean(aucs).value) < 10 else 1
-        said = f"{statistics.mean(aucs).value:.{digits}f} ({statistics.sd(aucs):.{digits}f})"
-        sources = cells["source_cell"].nunique() or "-"
+        digits = 2 if abs(float(cells["auc"].mean())) < 10 else 1
+        said, sources = _mean(cells, digits), cells["source_cell"].nunique() or "-"
         if agent == DQN.agent:
-            yield target, agent, len(aucs), sources, said, "-", "-", paper
+            yield target, agent, seeds(cells), sources, said, "-", "-", paper
             continue
-        first, base = curves.paired(target, arm, DQN)
-        gap = statistics.difference(first, base) if len(first) > 1 else None
-        yield target, agent, len(aucs), sources, said, _ratio(first, base), interval(gap, digits), paper
+        both = curves.paired(target, arm, DQN)
+        yield target, agent, seeds(cells), sources, said, _ratio(both), interval(difference(both), digits), paper
 
 
-def _ratio(first: list[float], base: list[float]) -> str:
-    if len(first) < 2:
+def _mean(cells: pd.DataFrame, digits: int = 1) -> str:
+    """Return mean AUC and standard deviation over cells, as text."""
+    return f"{cells['auc'].mean():.{digits}f} ({statistics.sd(list(cells['auc'])):.{digits}f})"
+
+
+def _ratio(both: pd.DataFrame) -> str:
+    found = transfer_ratio(both)
+    if found is None:
         return "-"
-    found = statistics.transfer_ratio(first, base)
     if found.value is None:
         return "undefined"
     percent = Estimate(*(None if end is None else 100 * end for end in (found.value, found.low, found.high)))  # type: ignore[arg-type]
@@ -84,13 +88,13 @@ def early(curves: Curves) -> str:
     rows = []
     for target in ROWS:
         for agent in (*AGENTS[1:], *OTHERS):
-            first, base = curves.paired(target, Arm(agent), DQN, "early")
-            if len(first) > 1:
-                digits = 2 if abs(statistics.mean(base).value) < 10 else 1
-                means = (f"{statistics.mean(side).value:.{digits}f}" for side in (base, first))
+            both = curves.paired(target, Arm(agent), DQN)
+            if (gap := difference(both, "early")) is not None:
+                digits = 2 if abs(float(both["early_base"].mean())) < 10 else 1
+                means = (f"{both[column].mean():.{digits}f}" for column in ("early_base", "early"))
                 factor = curves.best(target, Arm(agent))["factor"].mean()
-                gap = interval(statistics.difference(first, base), digits)
-                rows.append((target, agent, len(first), *means, gap, "-" if math.isnan(factor) else f"{factor:.2f}"))
+                said = "-" if math.isnan(factor) else f"{factor:.2f}"
+                rows.append((target, agent, seeds(both), *means, interval(gap, digits), said))
     head = ("target", "agent", "seeds", "dqn", "agent's", "difference [95 %]", "factor of the advice")
     return markdown(head, rows) if rows else ""
 
@@ -103,12 +107,8 @@ def tabular(curves: Curves) -> str:
             cells = curves.best(target, Arm(agent))
             if cells.empty:
                 continue
-            aucs = list(cells["auc"])
-            first, base = curves.paired(target, Arm(agent), Q)
-            gap = interval(statistics.difference(first, base)) if agent != Q.agent and len(first) > 1 else "-"
-            rows.append(
-                (target, agent, len(aucs), f"{statistics.mean(aucs).value:.1f} ({statistics.sd(aucs):.1f})", gap)
-            )
+            gap = None if agent == Q.agent else difference(curves.paired(target, Arm(agent), Q))
+            rows.append((target, agent, seeds(cells), _mean(cells), interval(gap)))
     return markdown(("target", "agent", "seeds", "AUC (sd)", "difference from q_learning [95 %]"), rows)
 
 
@@ -127,8 +127,8 @@ def verdicts(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
                     part.target,
                     finding.seeds,
                     interval(finding.difference, 2 if abs(finding.base) < 10 else 1),
-                    _p(finding.p),
-                    _p(finding.corrected),
+                    p_text(finding.p),
+                    p_text(finding.corrected),
                     finding.verdict,
                 )
             )
@@ -136,7 +136,8 @@ def verdicts(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
     return markdown(head, rows)
 
 
-def _p(value: float | None) -> str:
+def p_text(value: float | None) -> str:
+    """Return a p-value as text; '-' for none."""
     return "-" if value is None else "< .001" if value < 0.001 else f"{value:.3f}"
 
 
@@ -167,11 +168,11 @@ def theorems(pairs: Sequence[tuple[str, str]]) -> str:
 def progress(curves: Curves) -> str:
     """Return which rows of Table 1 are finished, and the command that continues each task."""
     rows = []
-    for task, seeds in PLANNED.items():
+    for task, planned in PLANNED.items():
         targets = [target for target in ROWS if target.startswith(f"{task}:")]
         arms = [(target, Arm(agent)) for target in targets for agent in (*AGENTS, *OTHERS)]
-        done = sum(min(len(curves.best(target, arm)), seeds) for target, arm in arms)
+        done = sum(min(seeds(curves.best(target, arm)), planned) for target, arm in arms)
         name = f"table1-{task.replace('_', '-')}"
-        command = f"`deltatune sweep reproduction --tasks {task} --seeds {seeds} --name {name}`"
-        rows.append((task, f"{done} of {len(arms) * seeds}", command))
+        command = f"`deltatune sweep reproduction --tasks {task} --seeds {planned} --name {name}`"
+        rows.append((task, f"{done} of {len(arms) * planned}", command))
     return markdown(("task", "cells of Table 1", "the command that continues"), rows)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
+import pandas as pd
 
 from benchmarks.reproduction.claims import CLAIMS, MARGIN, Claim, Comparison
-from benchmarks.reproduction.curves import Curves
+from benchmarks.reproduction.curves import Curves, difference, seeds
 from orchestrator.analysis import statistics
 from orchestrator.analysis.inference.multiplicity import holm
 from orchestrator.analysis.statistics import Estimate
@@ -23,7 +23,7 @@ class Finding:
     comparison: Comparison
     seeds: int
     difference: Estimate | None
-    """First minus second, paired by seed; None where there are fewer than two seeds."""
+    """First minus second, paired by seed and source network; None where there are fewer than two seeds."""
     base: float
     """Mean of the second."""
     p: float | None
@@ -56,15 +56,16 @@ def findings(curves: Curves, claims: Sequence[Claim] = CLAIMS) -> list[tuple[Cla
 
 
 def _find(curves: Curves, part: Comparison) -> Finding:
-    first, second = curves.paired(part.target, part.better, part.worse, part.column)
-    if len(first) < 2:
-        return Finding(part, len(first), None, float("nan"), None)
-    difference, base = statistics.difference(first, second), float(np.mean(second))
-    p = _no_worse(first, second, MARGIN * abs(base)) if part.kind == "no worse" else difference.p
-    return Finding(part, len(first), difference, base, p)
+    both = curves.paired(part.target, part.better, part.worse)
+    gap = difference(both, part.column)
+    if gap is None:
+        return Finding(part, seeds(both), None, float("nan"), None)
+    base = float(both[f"{part.column}_base"].mean())
+    p = _no_worse(both, part.column, MARGIN * abs(base)) if part.kind == "no worse" else gap.p
+    return Finding(part, seeds(both), gap, base, p)
 
 
-def _no_worse(first: Sequence[float], second: Sequence[float], loss: float) -> float | None:
+def _no_worse(both: pd.DataFrame, column: str, loss: float) -> float | None:
     """Return the one-sided p-value that the first is on average worse than the second by `loss` or more."""
-    over = statistics.difference([value + loss for value in first], second)
-    return over.p if over.p is None else over.p / 2 if over.value > 0 else 1 - over.p / 2
+    over = difference(both, column, loss)
+    return None if over is None or over.p is None else over.p / 2 if over.value > 0 else 1 - over.p / 2

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -14,7 +16,10 @@ from scipy import stats
 from benchmarks.reproduction.__main__ import page
 from benchmarks.reproduction.claims import CLAIMS, DELTA_ES, DQN, ES, X5, Arm, Claim, Comparison
 from benchmarks.reproduction.curves import Curves
+from benchmarks.reproduction.figures import draw
+from benchmarks.reproduction.tables import ROWS
 from benchmarks.reproduction.verdicts import findings, holm
+from orchestrator.analysis.inference import crossed
 from orchestrator.dataset.dataset import Dataset
 from trainables.cell import Cell, Source
 from trainables.tasks.registry import parse_task
@@ -42,7 +47,8 @@ class _Drawn(Curves):
 
     def best(self, target: str, arm: Arm) -> pd.DataFrame:
         values = self._aucs.get(arm.agent, []) if target == X5 else []
-        return pd.DataFrame({"auc": values, "first_tenth": values}, index=pd.RangeIndex(len(values)))
+        columns = {"auc": values, "first_tenth": values, "seed": range(len(values)), "source_cell": None}
+        return pd.DataFrame(columns)
 
 
 def _verdicts(aucs: dict[str, list[float]], *parts: Comparison) -> list[str]:
@@ -77,6 +83,80 @@ def test_every_claim_is_of_agents_and_targets_that_there_are() -> None:
             source = Source(task=task.name, kind="learned", cell_id="0" * 16, steps=None if task.tabular else 1)
             needs = arm.agent not in ("dqn", "q_learning")
             Cell.create(arm.agent, part.target, 0, dict(arm.settings), source if needs else None)
+
+
+class _Made:
+    """A dataset of every row but the last, of all agents, with few seeds of Acrobot and two source networks of es."""
+
+    def __init__(self) -> None:
+        rng, rows, points = np.random.default_rng(0), [], []
+        arms: list[tuple[str, dict[str, float]]] = [("dqn", {}), ("warm_start", {}), ("jsrl", {}), ("safe_start", {})]
+        arms += [(agent, {"advice_fraction": at}) for agent in ("es", "delta_es") for at in (0.25, 0.5)]
+        for target in ROWS[:-1]:
+            for place, (agent, settings) in enumerate(arms):
+                for seed in range(5 if target.startswith("acrobot") else 10):
+                    for network in ("a", "b") if agent == "es" else ("a",):
+                        source = Source(
+                            task=parse_task(target).family.name, kind="learned", cell_id=network * 16, steps=1
+                        )
+                        cell = Cell.create(agent, target, seed, settings, None if agent == "dqn" else source)
+                        auc = 100.0 + place + float(rng.normal())
+                        rows.append(
+                            {
+                                "cell_id": cell.id,
+                                "agent": agent,
+                                "task": cell.task,
+                                "seed": seed,
+                                "auc": auc,
+                                "source": "none" if agent == "dqn" else "learned",
+                                "group": cell.group,
+                                "seconds": 1.0,
+                                "source_cell": None if agent == "dqn" else network * 16,
+                                "cell": json.dumps(cell.to_json()),
+                            }
+                        )
+                        points += [
+                            {"cell_id": cell.id, "episode": at, "greedy_return": auc, "advised_factor": 0.5}
+                            for at in (0, 10)
+                        ]
+        short = Cell.create("safe_start", X5, 0, {"episodes": 20}, source)
+        rows.append(rows[-1] | {"cell_id": short.id, "auc": 1e6, "task": short.task, "group": short.group})
+        rows[-1] |= {"agent": "safe_start", "cell": json.dumps(short.to_json())}
+        self.cells, self._points = pd.DataFrame(rows), pd.DataFrame(points)
+
+    def points(self, cell_ids: object) -> pd.DataFrame:
+        return self._points
+
+
+def test_further_rows_agents_and_source_networks_find_their_place(tmp_path: Path) -> None:
+    made = cast(Dataset, _Made())
+    curves = Curves(made)
+    text = page(made, curves)
+    for target in ROWS[:-1]:
+        assert f"|{target}|warm_start|{5 if target.startswith('acrobot') else 10}|1|" in text
+    assert "|cartpole:gravity=5x|es|10|2|" in text
+    assert "|lunar_lander:mass=1.5|all|0|-|not run yet|" in text
+    deep = [
+        line for line in text.splitlines() if line.startswith(("|*Acrobot", "|*Lunar", "|*Reacher", "|*on average"))
+    ]
+    assert len(deep) >= 5
+    assert not [line for line in deep if "not run" in line]
+    assert "|acrobot|40 of 40|`deltatune sweep reproduction --tasks acrobot --seeds 5 --name table1-acrobot`|" in text
+    assert "|cartpole|80 of 160|" in text
+    assert "## Figure 4" in text
+    safe_part = text.partition("## An agent that is safe")[2].partition("## Verdicts")[0]
+    for agent in ("safe_start", "dqn", "es", "delta_es", "warm_start", "jsrl"):
+        assert f"|{agent}|" in safe_part
+    assert "1000000" not in text
+    assert {"table1.png", "figure4.png", "safe.png"} <= {path.name for path in draw(curves, tmp_path)}
+
+
+def test_intervals_are_over_source_networks_where_they_are_crossed_with_seeds() -> None:
+    curves = Curves(cast(Dataset, _Made()))
+    assert len(curves.best(X5, ES)) == 20
+    found = curves.mean(X5, ES)
+    assert found is not None
+    assert found == crossed.mean(crossed.rectangle(curves.best(X5, ES), "auc"))
 
 
 def test_the_page_is_that_of_the_published_dataset() -> None:

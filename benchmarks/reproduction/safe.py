@@ -1,0 +1,122 @@
+"""The safe agent beside the baselines, over all tasks on which both are published."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.reproduction.claims import DQN, Arm
+from benchmarks.reproduction.curves import Curves, difference, seeds
+from benchmarks.reproduction.tables import ROWS, interval, markdown, p_text
+from dashboards.figure_model import Chart, Level, Panel, Series
+from orchestrator.analysis.inference import across_tasks, crossed
+from orchestrator.analysis.inference.across_tasks import Scores
+from orchestrator.analysis.inference.multiplicity import holm
+from orchestrator.analysis.over_tasks import reference
+from orchestrator.analysis.statistics import Estimate
+from search_spaces.loading import load
+from trainables.tasks.registry import parse_task
+
+SAFE = Arm("safe_start")
+RIVALS = (DQN, Arm("es"), Arm("delta_es"), Arm("warm_start"), Arm("jsrl"))
+
+
+@dataclass(frozen=True)
+class Standings:
+    """The safe agent and its rivals by normalised AUC."""
+
+    tasks: tuple[str, ...]
+    """Those on which the safe agent and dqn are published."""
+    scores: dict[str, Scores]
+    """Agent to a table (sources, seeds) per task; those that are published on all of them."""
+    left_out: tuple[str, ...]
+
+
+def standings(curves: Curves) -> Standings | None:
+    """Return the standings; None until the safe agent and dqn are published on a task."""
+    tasks = tuple(target for target in ROWS if seeds(curves.paired(target, SAFE, DQN)) > 1)
+    if not tasks:
+        return None
+    arms = [arm for arm in (SAFE, *RIVALS) if all(seeds(curves.best(task, arm)) > 1 for task in tasks)]
+    return Standings(
+        tasks,
+        {arm.agent: [_scores(curves, task, arm) for task in tasks] for arm in arms},
+        tuple(arm.agent for arm in RIVALS if arm not in arms),
+    )
+
+
+def _references(target: str) -> tuple[float, float]:
+    """Return the returns of a random policy and of a solution."""
+    found = reference(parse_task(target).name, load("reproduction").normalise)
+    assert found is not None
+    return found
+
+
+def _scores(curves: Curves, target: str, arm: Arm) -> crossed.Table:
+    low, high = _references(target)
+    return (crossed.rectangle(curves.best(target, arm), "auc") - low) / (high - low)
+
+
+def table(found: Standings, curves: Curves) -> str:
+    """Return IQM, the probability that the safe agent is better, and the worst task of each agent."""
+    rows = []
+    for agent, scores in sorted(found.scores.items(), key=lambda pair: -across_tasks.iqm(pair[1]).value):
+        runs, chance = sum(each.size for each in scores), "-"
+        if agent != SAFE.agent:
+            chance = _plain(across_tasks.improvement(found.scores[SAFE.agent], scores))
+        rows.append((agent, runs, _plain(across_tasks.iqm(scores)), chance, _worst(found, curves, Arm(agent))))
+    head = ("agent", "runs", "IQM [95 %]", "P(safe_start is better) [95 %]", "worst difference from dqn [95 %]")
+    return markdown(head, rows)
+
+
+def _plain(estimate: Estimate) -> str:
+    ends = "" if estimate.low is None else f" [{estimate.low:.2f}, {estimate.high:.2f}]"
+    return f"{estimate.value:.2f}{ends}"
+
+
+def _worst(found: Standings, curves: Curves, arm: Arm) -> str:
+    """Return the least difference from dqn, by the normalised AUC, and its task."""
+    if arm == DQN:
+        return "-"
+    gaps = {task: difference(curves.paired(task, arm, DQN)) for task in found.tasks}
+    known = {task: gap for task, gap in gaps.items() if gap is not None}
+    if not known:
+        return "-"
+    task = min(known, key=lambda name: known[name].value / float(np.ptp(_references(name))))
+    return f"{interval(known[task])} on {task}"
+
+
+def differences(found: Standings, curves: Curves) -> str:
+    """Return the safe agent against every rival on every task, corrected together."""
+    rows, tested = [], []
+    for task in found.tasks:
+        for arm in RIVALS:
+            both = curves.paired(task, SAFE, arm)
+            gap = difference(both)
+            if gap is not None and gap.p is not None:
+                rows.append((task, arm.agent, seeds(both), interval(gap), p_text(gap.p)))
+                tested.append(gap.p)
+    head = ("target", "safe_start less", "seeds", "difference [95 %]", "p", "p, Holm")
+    return markdown(head, [(*row, p_text(p)) for row, p in zip(rows, holm(tested), strict=True)])
+
+
+def profiles(found: Standings | None) -> Chart:
+    """Return performance profiles; without panels where there is nothing to show."""
+    caption = "Share of runs with a normalised AUC above each value, with pointwise 95 % intervals."
+    if found is None:
+        return Chart("safe", "Performance profiles", caption, caption, ())
+    runs = np.concatenate([each.ravel() for scores in found.scores.values() for each in scores])
+    levels = [float(level) for level in np.linspace(min(float(runs.min()), 0.0), max(float(runs.max()), 1.0), 61)]
+    series = []
+    for agent, scores in found.scores.items():
+        value, low, high = (tuple(map(float, line)) for line in across_tasks.profile(scores, levels))
+        series.append(Series(agent, agent, tuple(levels), value, band=(low, high)))
+    panel = Panel(
+        "Performance profiles",
+        "normalised AUC",
+        "share of runs above",
+        tuple(series),
+        levels=(Level(1.0, upright=True),),
+    )
+    return Chart("safe", "Performance profiles", caption, caption, (panel,), columns=1)
