@@ -13,12 +13,10 @@ import pytest
 import yaml
 from conftest import LOCAL, SPACE
 from rich.console import Console
-from typer.testing import CliRunner
 
 from dashboards.labels import minus
 from dashboards.report.sections import figures, sections, winners
 from dashboards.report.tables import Table
-from deltatune.cli.app import app
 from orchestrator.analysis.comparison import compare
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.groups import Group
@@ -32,6 +30,7 @@ from orchestrator.tracking.mlflow.description import markdown
 from orchestrator.tracking.mlflow.fields import group_figures, sweep_metrics
 from orchestrator.tracking.mlflow.views import VIEWS
 from search_spaces.loading import parse
+from tests.deltatune.cli.in_process import command
 
 AUC = next(metric for metric in METRICS if metric.key == "auc")
 WITHOUT_FIGURES = {"sb3"}
@@ -172,8 +171,8 @@ def test_two_sweeps_are_compared_on_unseen_seeds_where_both_have_them(storage: P
     assert not any(row.confirmed for row in mixed.rows)
     assert all(row.verdict == "the same" for row in mixed.rows)
     assert mixed.note is not None
-    said = CliRunner().invoke(app, ["compare", "one", "two", "--storage", str(storage)]).output
+    said = command("compare", "one", "two", "--storage", str(storage))[1]
     assert "* on seeds that had no part in selecting the configuration" in said
-    said = CliRunner().invoke(app, ["compare", "one", "plain", "--storage", str(storage)]).output
+    said = command("compare", "one", "plain", "--storage", str(storage))[1]
     assert "*" not in said
     assert "too favourable until confirmed" in " ".join(said.split())
