@@ -16,6 +16,9 @@ from pathlib import Path
 START_SECONDS = 240.0
 """Seconds that a node may take to start on a busy machine."""
 
+STARTS = 3
+"""Attempts at starting a node."""
+
 NODES = "127.0.0.2"
 """The address of all nodes but the head, by which a driver can choose one of them."""
 
@@ -66,16 +69,26 @@ class Cluster:
             self.remove(node)
 
     def _start(self, *options: str, ip: str = "127.0.0.1", within: Sequence[str] = ()) -> subprocess.Popen[bytes]:
-        """Start a node, and wait until it is there: two that start at once may take each other's ports."""
-        ray = Path(sys.executable).parent / "ray"
+        """Start a node, and wait until it is there: two that start at once may take each other's ports.
+
+        Ray gives a node up that is not ready after half a minute, as happens on a busy machine; another is started.
+        """
+        ray = str(Path(sys.executable).parent / "ray")
         words = [*within, ray, "start", "--block", "--node-ip-address", ip, "--disable-usage-stats", *options]
-        words += ["--dashboard-agent-listen-port", str(free_port())]
+        for _ in range(STARTS):
+            node, said = self._try([*words, "--dashboard-agent-listen-port", str(free_port())])
+            if node.poll() is None:
+                return node
+            self.remove(node)
+        raise AssertionError(said)
+
+    def _try(self, words: Sequence[str]) -> tuple[subprocess.Popen[bytes], str]:
+        """Return a node that runs, or has ended, and what it has said."""
         path = self._folder.parent / f"{time.monotonic_ns()}.log"
         with path.open("wb") as log:
             node = subprocess.Popen(words, stdout=log, stderr=log, env=TOKEN, start_new_session=True)
         wait_for(lambda: b"Ray runtime started" in path.read_bytes() or node.poll() is not None)
-        assert node.poll() is None, path.read_text()
-        return node
+        return node, path.read_text()
 
     def _listens(self, port: int) -> bool:
         with contextlib.suppress(OSError):
