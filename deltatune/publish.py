@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from dashboards.draw import draw
+from orchestrator.analysis.contrasts.decisions import number_table as decision_numbers
 from orchestrator.analysis.contrasts.table import number_table as contrast_numbers
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.analysis.tables.summary_table import number_table, text_table
@@ -37,8 +38,8 @@ def publish(results: Results) -> Published:
     """Write a sweep's tables, best.yaml, figures and report.
 
     table.csv has a row of text per configuration, configurations.csv the same as numbers in full precision,
-    contrasts.csv the differences between agents. Tables and best.yaml come first; a figure that cannot be drawn
-    affects no other file.
+    contrasts.csv the differences between agents, decisions.csv what a sequential test over seeds has decided. Tables
+    and best.yaml come first; a figure that cannot be drawn affects no other file.
     """
     findings = find(results, results.write_tables())
     table = text_table(findings.groups)
@@ -47,6 +48,8 @@ def publish(results: Results) -> Published:
         table.to_csv(folder / "table.csv", index=False)
         number_table(findings.groups).to_csv(folder / "configurations.csv", index=False)
         contrast_numbers(findings.contrasts).to_csv(folder / "contrasts.csv", index=False)
+        if findings.decisions:
+            decision_numbers(findings.decisions).to_csv(folder / "decisions.csv", index=False)
         best: Path | None = there / "best.yaml"
         try:
             write_best(findings, folder / "best.yaml")
@@ -70,7 +73,7 @@ def load() -> None:
 
 def artifacts(results: Results) -> list[Path]:
     """Return the files of a sweep that MLflow keeps as artifacts."""
-    names = ["report.html", "table.csv", "configurations.csv", "contrasts.csv"]
+    names = ["report.html", "table.csv", "configurations.csv", "contrasts.csv", "decisions.csv"]
     names += ["cells.parquet", "points.parquet", "best.yaml"]
     files = [results.folder / name for name in names] + sorted((results.folder / "figures").glob("*"))
     return [path for path in files if path.is_file()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
 
@@ -29,7 +29,7 @@ def sweep(
     storage: str | Path | None = None,
     tasks: Sequence[str] = (),
     agents: Sequence[str] = (),
-    seeds: int | None = None,
+    seeds: int | Literal["auto"] | None = None,
     confirm: int | None = None,
     hyperparameters: Mapping[str, Any] | None = None,
     workers: int | None = None,
@@ -45,8 +45,9 @@ def sweep(
 
     space: a built-in search space's name, a YAML file, a mapping of the same keys, or a SearchSpace. The other
     arguments are the command's options: name and storage say where the results are; tasks, agents, seeds and
-    hyperparameters narrow the space; confirm runs what is selected again on so many unseen seeds; workers, address and
-    local say where cells run; reuse says what is taken from other sweeps of the storage. progress: whether to show it.
+    hyperparameters narrow the space (seeds "auto": as many as a sequential test asks for); confirm runs what is
+    selected again on so many unseen seeds; workers, address and local say where cells run; reuse says what is taken from
+    other sweeps of the storage. progress: whether to show it.
     Raises InputError for bad input, before any work; SweepError for one that stopped (finished cells are kept).
     """
     folder = storage_path(storage or default_storage())

@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from orchestrator.analysis.contrasts import decisions
 from orchestrator.analysis.contrasts.table import number_table
 from orchestrator.analysis.curves.bands import curve_bands
 from orchestrator.analysis.findings import Findings, find
@@ -87,6 +88,11 @@ class SweepResults:
     def contrasts(self) -> pd.DataFrame:
         """One row per comparison between agents, delta_es - es first, p-values plain and corrected by Holm."""
         return number_table(self.findings.contrasts)
+
+    @property
+    def decisions(self) -> pd.DataFrame:
+        """One row per comparison of a sequential test over seeds (`seeds: auto`); empty where the seeds are fixed."""
+        return decisions.number_table(self.findings.decisions)
 
     def contrast(self, first: str, second: str, early: bool = False) -> pd.DataFrame:
         """Return the differences first - second between two agents on every target, paired by seed.

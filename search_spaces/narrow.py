@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
@@ -18,7 +18,7 @@ def narrow(
     *,
     tasks: Sequence[str] = (),
     agents: Sequence[str] = (),
-    seeds: int | None = None,
+    seeds: int | Literal["auto"] | None = None,
     confirm: int | None = None,
     hyperparameters: Mapping[str, Any] | None = None,
 ) -> SearchSpace:
@@ -37,8 +37,8 @@ def narrow(
             raise unknown(f"agent of {space.name}", name, space.agents)
     if agents:
         data["agents"] = {name: options for name, options in data["agents"].items() if name in agents}
-    if seeds is not None:
-        data["seeds"] = seeds
+    if seeds is not None and not (seeds == "auto" and space.sequential):
+        data |= {"seeds": seeds, "sequential": None}
     if confirm is not None:
         data["confirm"] = {"seeds": confirm}
     if not any(agent_named(name).several for name in data["agents"]):

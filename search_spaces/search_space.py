@@ -19,8 +19,8 @@ from search_spaces.limits import (
     MAX_SEEDS,
     twice,
 )
-from search_spaces.seeds import Seed, Seeds
-from search_spaces.source_space import Hyperparameters, Scenario, many
+from search_spaces.seeds import Seed, Sequential, SweepSeeds, spelled_out
+from search_spaces.source_space import Hyperparameters, Scenario, SourceSpace, many
 from trainables.agents.agent import Agent
 from trainables.agents.registry import agent_named
 from trainables.errors import shown
@@ -88,7 +88,8 @@ class SearchSpace(Strict):
     family: Annotated[str, Field(pattern=r"^[A-Za-z0-9_. -]{0,64}$")] = ""
     """The MLflow experiment; default: the name."""
     description: str = ""
-    seeds: Seeds
+    seeds: SweepSeeds
+    """A list of seeds, how many, or auto: as many as a sequential test asks for."""
     scenarios: Annotated[tuple[Scenario, ...], Field(min_length=1, max_length=MAX_SCENARIOS), BeforeValidator(many)]
     agents: Annotated[dict[str, Hyperparameters], Field(min_length=1)]
     """Stage 2: each agent with its hyperparameters to sweep."""
@@ -97,9 +98,16 @@ class SearchSpace(Strict):
     search: Search = Search()
     confirm: Confirm | None = None
     """Judge what was selected on unseen seeds; None: on the seeds that selected it, which is biased in its favour."""
+    sequential: Sequential | None = None
+    """The sequential test of `seeds: auto`, of which `seeds` are then the budget; null: every seed runs."""
     normalise: dict[str, Reference] = Field(default_factory=dict)
     """Task, or a task family for all of its tasks, to the returns that count as 0 and as 1 where scores of several
     tasks are put together: e.g. those of a random policy and of a solution."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _spelled_out(cls, data: object) -> object:
+        return spelled_out(data)
 
     @field_validator("normalise", mode="after")
     @classmethod
@@ -110,6 +118,7 @@ class SearchSpace(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> SearchSpace:
+        _check_sequential(self)
         _check_size(self)
         _once("seeds", [str(seed) for seed in self.seeds])
         for scenario in self.scenarios:
@@ -124,8 +133,8 @@ class SearchSpace(Strict):
             base = agent_named(scenario.source.agent)
             if base.needs_source:
                 raise ValueError(f"source.agent must learn without a source (got {base.name})")
-            _once("source.seeds", [str(seed) for seed in scenario.source.trained(self.seeds)])
-            scenario.source.check_pick(self.seeds)
+            _once("source.seeds", [str(seed) for seed in self.source_seeds(scenario.source)])
+            scenario.source.check_pick(self.seeds, self.source_seeds(scenario.source))
             self._check_agent(base, scenario.source.hyperparameters, [source, *library])
             for name, options in self.agents.items():
                 self._check_agent(agent_named(name), options, targets)
@@ -145,10 +154,20 @@ class SearchSpace(Strict):
             if not any(key in agent_named(name).hyperparameters.model_fields for name in self.agents):
                 raise ValueError(f"hyperparameters.{key} is known to none of the agents ({', '.join(self.agents)})")
 
+    def source_seeds(self, source: SourceSpace) -> tuple[int, ...]:
+        """Return the seeds that a source is trained with in stage 1.
+
+        With a sequential test the source must not depend on how many seeds it takes: default the first group, or the
+        whole budget where each seed has a source of its own.
+        """
+        if self.sequential is None or source.whose == "own_seed":
+            return source.trained(self.seeds)
+        return source.trained(self.seeds[: self.sequential.group])
+
     @property
     def every_seed(self) -> tuple[int, ...]:
         """The seeds of the target cells, then the other seeds of source cells."""
-        sources = (scenario.source.trained(self.seeds) for scenario in self.scenarios)
+        sources = (self.source_seeds(scenario.source) for scenario in self.scenarios)
         return tuple(dict.fromkeys(itertools.chain(self.seeds, *sources)))
 
     @property
@@ -163,12 +182,41 @@ class SearchSpace(Strict):
         return self.model_dump(mode="json", by_alias=True)
 
 
+def _check_sequential(space: SearchSpace) -> None:
+    """Raise ValueError for what a sequential test over seeds cannot be combined with."""
+    if space.sequential is None:
+        return
+    group, budget = space.sequential.group, len(space.seeds)
+    if budget % group:
+        raise ValueError(f"seeds: auto tests whole groups: max must be a multiple of group (got {budget} and {group})")
+    if space.confirm:
+        raise ValueError(
+            "seeds: auto and confirm cannot be combined: auto tests every configuration, which leaves no selection to "
+            "confirm"
+        )
+    if space.search.scheduler:
+        raise ValueError("seeds: auto needs every curve to its end: take out search.scheduler (early stopping)")
+    ranges = [
+        f"{name}.{key}"
+        for name, own in space.agents.items()
+        for key, option in {**space.hyperparameters, **own}.items()
+        if isinstance(option, Range) and key in agent_named(name).hyperparameters.model_fields
+    ]
+    if ranges:
+        raise ValueError(f"seeds: auto compares settled configurations: {ranges[0]} is a range to search, give values")
+    agents = [agent_named(name) for name in space.agents]
+    if not any({agent.base, *agent.rivals} & space.agents.keys() for agent in agents):
+        raise ValueError(
+            f"seeds: auto compares agents, and none of {', '.join(agent.name for agent in agents)} builds on another"
+        )
+
+
 def _check_size(space: SearchSpace) -> None:
     """Raise ValueError where a search space has too many configurations or cells, without building them."""
     asked = 0
     for scenario in space.scenarios:
         source, seeds = scenario.source, len(space.seeds)
-        trained = len(source.trained(space.seeds))
+        trained = len(space.source_seeds(source))
         if source.hyperparameters or "learned" in source.kinds:
             tasks = len(source.tasks) if "learned" in source.kinds else 1
             asked += tasks * trained * _configurations(space, source.agent, source.hyperparameters)

@@ -40,7 +40,7 @@ class SourceSpace(Strict):
     hyperparameters: Hyperparameters = Field(default_factory=dict)
     """What stage 1 sweeps. Stage 2 uses the best values by mean AUC."""
     seeds: Seeds | None = None
-    """Seeds that the source tasks are trained with; default: those of the sweep."""
+    """Seeds that the source tasks are trained with; default: those of the sweep, with `seeds: auto` its first group."""
     pick: Literal["own_seed", "best_evaluated", "ranked", "each"] | Seed | None = None
     """The knowledge that a target seed gets. own_seed: the last of the same source seed; best_evaluated: the network
     with the best greedy evaluation of all source seeds; ranked: the network whose |delta| on the target is smallest
@@ -62,9 +62,8 @@ class SourceSpace(Strict):
         """Return the seeds of stage 1, where the sweep's are `seeds`."""
         return seeds if self.seeds is None else self.seeds
 
-    def check_pick(self, seeds: tuple[int, ...]) -> None:
-        """Raise ValueError where a seed of `seeds` would get the knowledge of a source seed that is not trained."""
-        trained = self.trained(seeds)
+    def check_pick(self, seeds: tuple[int, ...], trained: tuple[int, ...]) -> None:
+        """Raise ValueError where a seed of `seeds` would get the knowledge of a source seed that is not `trained`."""
         if isinstance(self.pick, int) and self.pick not in trained:
             raise ValueError(f"source.pick must be one of the seeds (got {self.pick})")
         lacking = [seed for seed in seeds if seed not in trained]

@@ -9,15 +9,18 @@ import functools
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 import yaml
 from conftest import LOCAL
 from rich.console import Console
 
 from deltatune.publish import publish
+from orchestrator.analysis.contrasts.decisions import replay as replay_test
 from orchestrator.analysis.findings import find
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.replay import replay
+from orchestrator.execution.sequential import needed, needed_at_most
 from orchestrator.execution.sweep import run
 from orchestrator.export import formats
 from orchestrator.planning.arms import Arm
@@ -25,6 +28,7 @@ from orchestrator.planning.params import check_params, keys
 from orchestrator.planning.plan import source_arms, transfer_arms
 from orchestrator.planning.source_choice import settle, untrained
 from orchestrator.results.sweep_folder import Results
+from orchestrator.results.tables.cell_row import cell_row
 from orchestrator.tracking.sync import sync
 from orchestrator.tracking.uri import tracking_uri
 from search_spaces.loading import built_in, load, parse
@@ -209,6 +213,40 @@ def from_forecast_to_replay(small: SearchSpace, tmp_path: Path, monkeypatch: pyt
     assert all(replay(storage, cell.id).agrees for cell in one.values())
     assert run(results, LOCAL, Console(quiet=True)).ran == 0
     return results
+
+
+def by_groups(space: SearchSpace) -> SearchSpace:
+    """The space with a sequential test over two groups of two seeds."""
+    return parse(space.name, space.to_json() | {"seeds": {"auto": {"group": 2, "max": 4}}})
+
+
+def test_a_sequential_test_compares_every_agent_of_every_space_with_what_it_builds_on(space: SearchSpace) -> None:
+    asked = by_groups(space)
+    _, transfers = planned(asked)
+    first = needed(asked, transfers, {})
+    every = needed_at_most(asked, transfers, None)
+    assert {cell.seed for cell in first} == {0, 1}
+    assert 2 * len(first) == len(every)
+    rows = [cell_row("transfer", cell, None, arm.label) for arm in transfers for cell in arm.all_cells()]
+    found = replay_test(asked, pd.DataFrame(rows))
+    assert {each.outcome.state for each in found.decisions} == {"open"}
+    based = {arm.agent for arm in transfers if agent_named(arm.agent).base in asked.agents}
+    targets = {arm.task for arm in transfers}
+    assert {(each.task, each.first.agent) for each in found.decisions} >= {(t, a) for t in targets for a in based}
+    assert {each.first.agent for each in found.decisions}.isdisjoint(asked.agents.keys() - based)
+    assert found.further == len(first)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["demo", "smoke-table1", *CUSTOM])
+def test_a_sequential_test_over_seeds_goes_from_forecast_to_replay(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results = from_forecast_to_replay(by_groups(miniature(loaded(name, tmp_path))), tmp_path, monkeypatch)
+    found = find(results)
+    assert found.decisions
+    assert {each.outcome.state for each in found.decisions} <= {"better", "worse", "undecided"}
+    assert {len(group.seeds) for group in found.groups if group.stage == "transfer"} <= {2, 4}
 
 
 def crossed(space: SearchSpace, pick: str = "each") -> SearchSpace:

@@ -9,6 +9,7 @@ from dashboards.figure_model import Absent, Figure
 from dashboards.figures import over_tasks as figure
 from dashboards.labels import count, minus
 from dashboards.report.tables import Datum, Table, datum, mark, records, text_csv
+from orchestrator.analysis.contrasts import decisions as sequential
 from orchestrator.analysis.contrasts.contrast import Contrast
 from orchestrator.analysis.contrasts.table import comparisons, row
 from orchestrator.analysis.contrasts.table import numbers as numbers_of
@@ -44,6 +45,25 @@ def contrasts(findings: Findings) -> tuple[Table | Figure, ...]:
     if few and len(every := findings.contrast(every=True)) > len(shown):
         tables.append(contrast_table(every, "pairs", f"{_counted(every)}: every pair of agents", folded=True))
     return tuple(tables)
+
+
+def decisions(findings: Findings) -> tuple[Table | Figure, ...]:
+    """Return what a sequential test over seeds has decided; nothing where the seeds are fixed."""
+    found = findings.decisions
+    if not found:
+        return ()
+    symbols = {"better": "helped", "worse": "hurt"}
+    columns = tuple((name, name in ("A - B", "seeds")) for name in sequential.COLUMNS)
+    rows = []
+    for each, texts in zip(found, sequential.rows(found), strict=True):
+        data = [Datum(minus(text), text) for text in texts]
+        data[0] = Datum(each.task, each.task)
+        data[4], data[5] = Datum(minus(texts[4]), each.difference), Datum(texts[5], each.seeds)
+        data[6] = Datum(texts[6], texts[6], mark=symbols.get(each.outcome.state, ""))
+        rows.append(tuple(data))
+    records = [sequential.numbers(each) for each in found]
+    caption = sequential.caption(found, findings.results.space())
+    return (Table("decisions", caption, columns, tuple(rows), text_csv(records)),)
 
 
 def over_tasks(findings: Findings, of: dict[str, Figure]) -> tuple[Table | Figure, ...]:

@@ -30,10 +30,17 @@ def origin(findings: Findings) -> list[tuple[str, str]]:
         ("begun", created),
         ("commit", commit + (", with uncommitted changes" if dirty else ", clean" if commit != "unknown" else "")),
         ("versions", ", ".join(f"{name} {version}" for name, version in meta["versions"].items())),
-        ("seeds", f"{len(space.seeds)} ({_seeds(space.seeds)})"),
+        ("seeds", _count(space)),
         ("budget", _budget(findings, space, hours)),
         ("cells", ", ".join(f"{counts[name]} {name}" for name in shown)),
     ]
+
+
+def _count(space: SearchSpace) -> str:
+    test = space.sequential
+    least = f"{test.group} to " if test else ""
+    how = f", by a sequential test with family-wise error {test.alpha:g}" if test else ""
+    return f"{least}{len(space.seeds)} ({_seeds(space.seeds)}){how}"
 
 
 def _seeds(seeds: Sequence[int]) -> str:

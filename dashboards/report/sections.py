@@ -27,6 +27,7 @@ from dashboards.report.origin import origin
 from dashboards.report.page import Parts, render
 from dashboards.report.tables import Datum, Table, table_1, text_csv, unfinished
 from dashboards.report.verdict import verdict
+from orchestrator.analysis.contrasts.decisions import LEAD as DECISIONS
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.groups import Group
 from orchestrator.analysis.labels import settings_text
@@ -84,6 +85,7 @@ def sections(findings: Findings, drawn: list[Figure]) -> tuple[list[Section], li
     planned = [
         Section("curves", "Evaluation curves", "", (of[evaluation_curves.NAME],)),
         Section("results", _results_title(findings), _table_lead(findings), _tables(findings)),
+        Section("decisions", "Sequential test over seeds", DECISIONS, comparisons.decisions(findings)),
         Section("contrasts", "Contrasts", comparisons.LEAD, comparisons.contrasts(findings)),
         Section("tasks", "Over all tasks", "", comparisons.over_tasks(findings, of)),
         Section("variance", "Between sources and seeds", *comparisons.variance(findings)),

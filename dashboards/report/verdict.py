@@ -132,7 +132,8 @@ def _remark(group: Group, findings: Findings) -> str:
 
 def _cells(findings: Findings) -> str:
     counts = Counter(findings.each_cell["status"]) if len(findings.each_cell) else Counter()
-    seeds = count(len(findings.results.space().seeds), "seed")
+    space = findings.results.space()
+    seeds = (f"{space.sequential.group} to " if space.sequential else "") + count(len(space.seeds), "seed")
     if not counts:
         return f"{seeds}; no cell yet"
     if set(counts) == {"done"}:

@@ -9,11 +9,16 @@ from deltatune.cli.app import err, out, print_json, print_named
 from deltatune.cli.sheet import table
 from deltatune.cli.tables import duration, span
 from orchestrator.cluster.resources import local_cpus
-from orchestrator.execution.forecast import forecast
+from orchestrator.execution.forecast import Stage, forecast
 from orchestrator.execution.settings import Settings, origins
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
 from trainables.plugins.names import short
+
+
+def _cells(stage: Stage) -> str:
+    """Return the number of cells; where a sequential test decides, the least and the most."""
+    return str(stage.cells) if stage.most == stage.cells else f"{stage.cells} to {stage.most}"
 
 
 def print_forecast(space: SearchSpace, settings: Settings, folder: Path, as_json: bool) -> None:
@@ -24,7 +29,7 @@ def print_forecast(space: SearchSpace, settings: Settings, folder: Path, as_json
     if as_json:
         print_json(asdict(found) | {"seconds": [low, high]})
         return
-    stages = [(s.stage, str(s.cells), str(s.done), span(s.low, s.high) if s.high else "-") for s in found.stages]
+    stages = [(s.stage, _cells(s), str(s.done), span(s.low, s.high) if s.high else "-") for s in found.stages]
     out.print(table(("stage", "cells", "already done", "the rest, on one core"), stages))
     for stage in found.stages:
         if stage.taken:

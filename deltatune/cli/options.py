@@ -36,7 +36,12 @@ Agents = Annotated[
     typer.Option("--agents", metavar="AGENT", help="Take only this agent; repeat for more.", rich_help_panel=WHAT),
 ]
 Seeds = Annotated[
-    int | None, typer.Option(metavar="N", help="Take N seeds; default: the search space's.", rich_help_panel=WHAT)
+    str | None,
+    typer.Option(
+        metavar="N",
+        help="Take N seeds, or 'auto': as many as a sequential test asks for; default: the search space's.",
+        rich_help_panel=WHAT,
+    ),
 ]
 Confirm = Annotated[
     int | None,

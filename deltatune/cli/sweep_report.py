@@ -9,8 +9,9 @@ from typing import Any, NoReturn
 import typer
 
 from deltatune.cli.app import err, out, print_json, print_named, program
-from deltatune.cli.tables import confirmed_table, contrast_table, group_table
+from deltatune.cli.tables import confirmed_table, contrast_table, decision_table, group_table
 from deltatune.publish import Published, artifacts, publish
+from orchestrator.analysis.contrasts.decisions import numbers
 from orchestrator.analysis.contrasts.table import caption
 from orchestrator.analysis.findings import Findings
 from orchestrator.analysis.selection import optimism
@@ -62,6 +63,7 @@ def _summary(
         "sweep": str(results.folder),
         "tally": asdict(tally) | {"publishing_seconds": after},
         "best": best(published.findings),
+        "decisions": [numbers(each) for each in published.findings.decisions],
         "report": str(published.report) if published.report else None,
         "not_drawn": published.missing,
         "figures": [str(path) for path in published.figures],
@@ -74,6 +76,12 @@ def print_contrasts(findings: Findings) -> None:
     shown = [each for each in findings.contrasts if agent_named(each.first.agent).base != each.second.agent]
     if shown:
         out.print(contrast_table(shown, caption(shown)))
+
+
+def print_decisions(findings: Findings) -> None:
+    """Print the decisions of a sequential test over seeds, if the sweep has one."""
+    if findings.decisions:
+        out.print(decision_table(findings.decisions, findings.results.space()))
 
 
 def _tracked(tracker: Tracker) -> dict[str, Any]:
@@ -112,6 +120,7 @@ def _print_tables(findings: Findings) -> None:
     if said := optimism(chosen):
         out.print(said, soft_wrap=True, style="yellow")
     print_contrasts(findings)
+    print_decisions(findings)
     if incomplete := [group for group in findings.groups if not group.complete]:
         out.print(group_table(incomplete, "Configurations with failed or missing seeds, never selected"))
 

@@ -11,9 +11,11 @@ from deltatune.cli.sheet import Sheet, table
 
 if TYPE_CHECKING:
     from orchestrator.analysis.contrasts.contrast import Contrast
+    from orchestrator.analysis.contrasts.decisions import Decision
     from orchestrator.analysis.groups import Group
+    from search_spaces.search_space import SearchSpace
 
-__all__ = ["COLOURS", "confirmed_table", "contrast_table", "duration", "group_table", "span", "table"]
+__all__ = ["COLOURS", "confirmed_table", "contrast_table", "decision_table", "duration", "group_table", "span", "table"]
 
 COLOURS = {"helped": "green", "hurt": "red", "better": "green", "worse": "red"}
 """A verdict's colour in a terminal."""
@@ -76,6 +78,19 @@ def contrast_table(found: Sequence[Contrast], title: str) -> Sheet:
         lines.append(("" if contrast.first.task == last else cells[0], *cells[1:]))
         last = contrast.first.task
     return table(COLUMNS, lines, title)
+
+
+def decision_table(found: Sequence[Decision], space: SearchSpace) -> Sheet:
+    """Return the decisions of a sequential test over seeds; green where A is better, red where it is worse."""
+    from orchestrator.analysis.contrasts.decisions import COLUMNS, caption, rows
+
+    lines: list[tuple[str | Text, ...]] = []
+    last = ""
+    for decision, (*cells, said) in zip(found, rows(found), strict=True):
+        colour = COLOURS.get(decision.outcome.state, "")
+        lines.append(("" if decision.task == last else cells[0], *cells[1:], Text(said, style=colour)))
+        last = decision.task
+    return table(COLUMNS, lines, caption(found, space))
 
 
 def confirmed_table(groups: Sequence[Group]) -> Sheet:

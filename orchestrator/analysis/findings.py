@@ -11,6 +11,7 @@ import pandas as pd
 
 from orchestrator.analysis.confirmation import attach, split
 from orchestrator.analysis.contrasts.contrast import Contrast, Measure, contrasts, every_pair
+from orchestrator.analysis.contrasts.decisions import Decision, replay
 from orchestrator.analysis.curves import milestones
 from orchestrator.analysis.groups import Group, groups
 from orchestrator.analysis.labels import shared
@@ -39,6 +40,11 @@ class Findings:
     compared on the unseen seeds."""
     confirmations: list[Group] = field(default_factory=list)
     """What was run on unseen seeds: the selected configurations, and the baselines that they are compared with."""
+
+    @cached_property
+    def decisions(self) -> tuple[Decision, ...]:
+        """The decisions of the sequential test over seeds; none where the seeds are fixed."""
+        return replay(self.results.space(), self.cells).decisions
 
     @cached_property
     def each_cell(self) -> pd.DataFrame:

@@ -37,7 +37,7 @@ def bars(console: Console) -> Bars:
     """Return the live line: bar and count, and more columns as far as the terminal is wide enough."""
     width = console.width
     columns: list[ProgressColumn] = [_text("[bold]{task.description}"), BarColumn(24 if width >= 120 else 12)]
-    columns += [_text("{task.fields[ended]}/{task.total}"), _text("{task.fields[percent]}")]
+    columns += [_text("{task.fields[ended]}/{task.total}{task.fields[more]}"), _text("{task.fields[percent]}")]
     columns += [_text("{task.fields[counts]}")] if width >= 80 else []
     columns += [TimeElapsedColumn(Column(no_wrap=True))]
     columns += [_text("{task.fields[rate]}")] if width >= 120 else []
@@ -58,6 +58,7 @@ def fields(snapshot: Snapshot) -> dict[str, Any]:
         "total": snapshot.total,
         "completed": snapshot.share * snapshot.total,
         "ended": snapshot.ended,
+        "more": "+" if snapshot.further else "",
         "percent": f"{snapshot.share:.0%}",
         "counts": snapshot.counts(),
         "rate": snapshot.rate(),
@@ -85,9 +86,10 @@ class _Notes(logging.Handler):
 class Display:
     """Shows a stage's progress: cells done, running, failed, left; remaining time; best cell. Also writes the log."""
 
-    def __init__(self, console: Console, stage: str, total: int, folder: Path) -> None:
+    def __init__(self, console: Console, stage: str, total: int, folder: Path, further: int = 0) -> None:
+        """further: cells that may follow if a sequential test over seeds goes on."""
         self._console, self._folder = console, folder
-        self._progress = Progress(stage, total)
+        self._progress = Progress(stage, total, further)
         self._logged = self._written = self._shown = time.monotonic()
         self._any = False
         self._write_every = 2.0 if is_local(folder) else LOG_EVERY

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from orchestrator.execution.ledger import Ledger
+from orchestrator.execution.sequential import needed, needed_at_most, test
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.sources.source_choice import choose
 from orchestrator.execution.sources.source_ranking import ranked
@@ -69,11 +70,14 @@ class Stage:
 
     stage: str
     cells: int
+    """With `seeds: auto` those that the sequential test needs at least."""
     done: int
     """Cells that have ended and will not run again."""
     low: float
     """Seconds on one worker for the rest."""
     high: float
+    most: int
+    """Cells at most; more than `cells` where a sequential test may go on."""
     taken: Mapping[str, int] = field(default_factory=dict)
     """How many of the done ones are copied, by the sweep that has trained them; sources: by 'the source library'."""
 
@@ -115,7 +119,11 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     choices = settle(arms, settings.pretrained, lambda arm: _choice(ledger, arm, keep))
     choices = ranked(space, choices, results, writes=False)
     transfers = transfer_arms(space, choices, settings.params)
-    stages = [first, _stage(TRANSFER, transfers, space, ledger, costs, keep=False)]
+    if space.sequential:
+        second = _by_groups(transfers, space, results, ledger, costs)
+    else:
+        second = _stage(TRANSFER, transfers, space, ledger, costs, keep=False)
+    stages = [first, second]
     if space.confirm:
         over = all(stage.cells == stage.done and not stage.taken for stage in stages) and not ledger.damage
         found = _chosen(results) if over and ledger.planned(TRANSFER) else None
@@ -167,7 +175,19 @@ def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, 
         count, done = count + asked, done + min(found, asked)
         missing += arm.cells(arm.first())[:1] * max(asked - found, 0)
     low, high = costs.of(missing)
-    return Stage(stage, count, done, low, high, taken)
+    return Stage(stage, count, done, low, high, count, taken)
+
+
+def _by_groups(arms: Sequence[Arm], space: SearchSpace, results: Results, ledger: Ledger, costs: _Costs) -> Stage:
+    """Return the transfers of a sequential test over seeds: the groups that it needs so far, and the most."""
+    sound = [arm for arm in arms if not arm.lost]
+    tested = test(space, results) if ledger.planned(TRANSFER) and not ledger.damage else None
+    least = {cell.id: cell for cell in needed(space, sound, tested.looks if tested else {})}
+    most = {cell.id: cell for cell in needed_at_most(space, sound, tested)} | least
+    taken = ledger.take_over(TRANSFER, least.values(), keep=False)
+    missing = [[cell for cell in cells.values() if not ledger.ended(cell)] for cells in (least, most)]
+    low, high = costs.of(missing[0])[0], costs.of(missing[1])[1]
+    return Stage(TRANSFER, len(least), len(least) - len(missing[0]), low, high, len(most), taken)
 
 
 def _choice(ledger: Ledger, arm: Arm, keep: bool) -> SourceChoice:

@@ -46,6 +46,8 @@ class Work:
     """Whether every cell is trained to its end, whatever scheduler there is."""
     followed: bool = False
     """Whether another stage may follow."""
+    further: int = 0
+    """Cells of the stage that may follow, if a sequential test over seeds goes on."""
 
     @property
     def searches(self) -> bool:
@@ -99,7 +101,7 @@ class Stages:
                 continue
             workplace = self._open()[1]
             payload = self._payload(work, workplace)
-            with Display(self._console, work.stage, total, self._results.folder) as display:
+            with Display(self._console, work.stage, total, self._results.folder, work.further) as display:
                 self._sink = OutcomeSink(work.stage, ledger, self._summary, display, self._on_record)
                 queue, stopping = self._queue(work, searches, workplace), self._stopping(work)
                 monitor = StageMonitor(queue, self._sink, display, stopping, self._workers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -12,6 +13,7 @@ from orchestrator import clock
 from orchestrator.cluster import ending
 from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
 from orchestrator.execution.ledger import Ledger
+from orchestrator.execution.sequential import needed, needed_at_most, test
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.sources.source_choice import choose
 from orchestrator.execution.sources.source_ranking import ranked
@@ -31,6 +33,7 @@ from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, Choices, Sour
 from orchestrator.results.lock import locked
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
+from trainables.cell import Cell
 
 STAGES = (SOURCE, TRANSFER, *CONFIRMATION)
 
@@ -80,6 +83,7 @@ class _Sweep:
     def __init__(self, results: Results, settings: Settings, ledger: Ledger, tally: RunSummary, stages: Stages) -> None:
         self._results, self._space, self._settings = results, results.space(), settings
         self._ledger, self._tally, self._stages = ledger, tally, stages
+        self._reused: dict[str, set[str]] = defaultdict(set)
 
     def run(self) -> int:
         """Run all stages, and return how many cells an interruption has left."""
@@ -99,7 +103,8 @@ class _Sweep:
         choices = settle(source_arms(space, settings.params), settings.pretrained, _untrained)
         transfers = transfer_arms(space, choices, settings.params)
         if not ledger.planned(TRANSFER):
-            left += self._missing(transfers)
+            group = space.sequential.group if space.sequential else None
+            left += self._missing([replace(arm, seeds=arm.seeds[:group]) for arm in transfers])
         if space.confirm and not ledger.planned(CONFIRM):
             sources, confirms = expected_arms(space, choices, transfers, settings.params, settings.pretrained)
             left += self._missing([*(arm for by_task in sources for arm in by_task.values()), *confirms])
@@ -122,8 +127,23 @@ class _Sweep:
         yield self._work(SOURCE, distinct(arm for arm in every if arm.task not in pretrained), keep)
         chosen = settle(arms, pretrained, lambda arm: choose(self._ledger, arm, self._ledger.planned(SOURCE)))
         choices = ranked(self._space, chosen, self._results)
-        yield self._work(TRANSFER, transfer_arms(self._space, choices, self._settings.params))
+        transfers = transfer_arms(self._space, choices, self._settings.params)
+        yield from self._by_groups(transfers) if self._space.sequential else [self._work(TRANSFER, transfers)]
         yield from self._confirmation(choices)
+
+    def _by_groups(self, arms: Sequence[Arm]) -> Iterator[Work]:
+        """Yield the transfers group of seeds after group, until every comparison is decided or the budget is spent.
+
+        A run that continues another plans again from the first group on, and so comes to the same cells.
+        """
+        cells = needed(self._space, arms, {})
+        further = len(needed_at_most(self._space, arms, None)) - len(cells)
+        while True:
+            yield replace(self._work(TRANSFER, arms, only=cells), followed=True, further=further)
+            tested, before = test(self._space, self._results), cells
+            cells, further = needed(self._space, arms, tested.looks), tested.further
+            if len(cells) == len(before):
+                return
 
     def _confirmation(self, choices: Sequence[Choices]) -> Iterator[Work]:
         """Yield what runs the selected configurations on unseen seeds, where the search space asks for it."""
@@ -138,18 +158,24 @@ class _Sweep:
         unseen = with_unseen(choices, sources, ledger.source_runs)
         yield self._work(CONFIRM, confirm_arms(space, unseen, settings.params, chosen(self._results.rows())))
 
-    def _work(self, stage: str, arms: Sequence[Arm], keep: bool = False) -> Work:
-        """Plan a stage, and return what it lacks."""
+    def _work(self, stage: str, arms: Sequence[Arm], keep: bool = False, only: Sequence[Cell] | None = None) -> Work:
+        """Plan a stage, and return what it lacks. only: of its cells these; None: all."""
         ledger, search = self._ledger, self._space.search
         arms = [_drawn(arm, self._space) if arm.ranges and search.method == "random" else arm for arm in arms]
+        asked = None if only is None else {cell.id for cell in only}
         lost = {cell.id: (cell, arm.lost) for arm in arms if arm.lost for cell in arm.some_cells()}
         sound = [arm for arm in arms if not arm.lost]
         tuned = [arm for arm in sound if arm.ranges]
         searched = [cell for arm in tuned for cell in ledger.searched(arm)]
         grids = [cell for arm in sound for cell in arm.all_cells()]
+        if asked is not None:
+            grids = [cell for cell in grids if cell.id in asked]
+            lost = {key: value for key, value in lost.items() if key in asked}
         self._stages.took(stage, ledger.take_over(stage, grids, keep))
         cells = ledger.plan(stage, [*grids, *searched, *(cell for cell, _ in lost.values())], arms)
-        self._tally.reused += sum(ledger.ended(cell, keep) and not ledger.new(cell) for cell in cells)
+        reused = {cell.id for cell in cells if ledger.ended(cell, keep) and not ledger.new(cell)}
+        self._tally.reused += len(reused - self._reused[stage])
+        self._reused[stage] |= reused
         lost = {key: lost[key] for key in lost.keys() - {cell.id for cell in (*grids, *searched)}}
         self._stages.lose(stage, [(cell, why) for cell, why in lost.values() if not ledger.ended(cell)])
         missing = [cell for cell in cells if not ledger.ended(cell, keep)]

@@ -99,7 +99,7 @@ def _own_seed(scenario: Scenario) -> bool:
 
 def _as_trained(space: SearchSpace, scenario: Scenario) -> Scenario:
     """Return the scenario with the seeds of stage 1 said, which are not those of the confirmation."""
-    source = scenario.source.model_copy(update={"seeds": scenario.source.trained(space.seeds)})
+    source = scenario.source.model_copy(update={"seeds": space.source_seeds(scenario.source)})
     return scenario.model_copy(update={"source": source})
 
 

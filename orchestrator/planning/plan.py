@@ -37,7 +37,7 @@ def _sources_of(space: SearchSpace, source: SourceSpace, params: Params) -> list
     if not source.hyperparameters and not learned:
         return []
     tasks = source.tasks if learned else source.tasks[:1]
-    arms = [Arm(source.agent, parse_task(task).name, source.trained(space.seeds)) for task in tasks]
+    arms = [Arm(source.agent, parse_task(task).name, space.source_seeds(source)) for task in tasks]
     return [_configured(arm, space, source.hyperparameters, {}, params) for arm in arms]
 
 
@@ -67,7 +67,7 @@ def _transfer(
         arm = Arm(agent, target, space.seeds, baseline_for=first, lost=lost)
     else:
         pick = source.whose if kind == "learned" else ""
-        sources = _sources(tasks, target, kind, pick, choices, space.seeds, source.trained(space.seeds))
+        sources = _sources(tasks, target, kind, pick, choices, space.seeds, space.source_seeds(source))
         arm = Arm(agent, target, space.seeds, sources=sources, pick=pick, lost=lost)
     return _configured(arm, space, space.agents[agent], of_first.values, params)
 

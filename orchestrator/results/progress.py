@@ -31,6 +31,8 @@ class Snapshot:
     failed: int = 0
     stopped: int = 0
     running: int = 0
+    further: int = 0
+    """Cells that may follow, if a sequential test over seeds goes on."""
     share: float = 0.0
     """Finished share of the stage, with the finished parts of running cells: 0 to 1."""
     steps_per_second: float | None = None
@@ -72,6 +74,7 @@ class Snapshot:
         """Return everything in one line."""
         parts = [
             f"{self.stage}: {self.ended} of {self.total} cells{self._percent()}",
+            f"up to {self.further:,} more if comparisons stay open" if self.further else "",
             self.counts(),
             self.rate(),
             self.left(),
@@ -86,6 +89,7 @@ class Progress:
 
     stage: str
     total: int
+    further: int = 0
     _count: dict[str, int] = field(default_factory=lambda: {"done": 0, "failed": 0, "stopped": 0})
     _shares: dict[str, tuple[float, int]] = field(default_factory=dict)
     """Running cell to (share, steps)."""
@@ -131,6 +135,7 @@ class Progress:
         return Snapshot(
             stage=self.stage,
             total=self.total,
+            further=self.further,
             **self._count,
             running=self._running,
             share=passed / self.total if self.total else 1.0,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -58,7 +58,12 @@ def sweep(
         check_name(name)
     fixed = _settings(settings or [])
     chosen = narrow(
-        wanted_space(space), tasks=task or (), agents=agent or (), seeds=seeds, confirm=confirm, hyperparameters=fixed
+        wanted_space(space),
+        tasks=task or (),
+        agents=agent or (),
+        seeds=_seeds(seeds),
+        confirm=confirm,
+        hyperparameters=fixed,
     )
     name, console = name or chosen.name, progress_console(context, as_json)
     with console.status(_summary(name, chosen)):
@@ -112,6 +117,19 @@ def _run(session: SweepSession, how: Settings, as_json: bool) -> None:
     report(session, tally, as_json)
 
 
+def _seeds(text: str | None) -> int | Literal["auto"] | None:
+    """Read the value of --seeds. Raises InputError for what is neither a number nor auto."""
+    from trainables.errors import InputError, shown
+
+    if text is None or text == "auto":
+        return None if text is None else "auto"
+    try:
+        return int(text)
+    except ValueError:
+        few = " of fewer digits" if text.strip("+- ").isdecimal() else ""
+        raise InputError(f"--seeds must be a whole number{few}, or auto (got {shown(text)})") from None
+
+
 def _settled(params: Path | None) -> Params:
     """Return the hyperparameters in the file of --params, by arm."""
     if params is None:
@@ -157,6 +175,7 @@ def _summary(name: str, space: SearchSpace) -> str:
     targets = {target for scenario in space.scenarios for target in scenario.targets}
     counts = ((len(space.agents), "agent"), (len(targets), "target"), (len(space.seeds), "seed"))
     agents, tasks, seeds = (f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts)
+    seeds = f"{space.sequential.group} to {seeds}" if space.sequential else seeds
     return f"{name}: {agents} on {tasks}, {seeds}"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -28,6 +28,9 @@ from deltatune.cli.app import (
 )
 from orchestrator.export.formats import FORMATS, write
 
+if TYPE_CHECKING:
+    from orchestrator.results.sweep_folder import Results
+
 Format = StrEnum("Format", list(FORMATS))  # type: ignore[misc]  # its members are data
 """What `export` can write."""
 
@@ -44,7 +47,7 @@ def status(
     from deltatune.cli.sheet import table
     from orchestrator.results.status import KEYS, sweep_status, sweeps
 
-    found = [sweep_status(results) for results in sweeps(storage, name)]
+    found = [sweep_status(results) | {"seeds": _open_comparisons(results)} for results in sweeps(storage, name)]
     if as_json:
         print_json(found[0] if name else found)
         return
@@ -57,11 +60,39 @@ def status(
     for data in found:
         if data["now"]:
             print_named(data["sweep"], data["now"])
+        if data["seeds"]:
+            print_named(
+                data["sweep"],
+                "{decided} of {comparisons} comparisons decided, {open} open; up to {further} more cells".format_map(
+                    data["seeds"]
+                ),
+            )
         for damage in data["damage"]:
             print_named(data["sweep"], damage, "red")
         for failure in data["failures"]:
             what = f"{failure['cell_id']} {failure['agent']} on {failure['task']}, seed {failure['seed']}"
             print_named(what, failure["error"], "red")
+
+
+def _open_comparisons(results: Results) -> dict[str, int] | None:
+    """Return how far a sequential test over seeds is; None where the seeds are fixed, or nothing can be read."""
+    from collections import Counter
+
+    import pandas as pd
+
+    from orchestrator.analysis.contrasts.decisions import replay
+    from trainables.errors import InputError
+
+    try:
+        space = results.space()
+        if space.sequential is None:
+            return None
+        found = replay(space, pd.DataFrame(results.rows()))
+    except InputError:  # the damage is said beside
+        return None
+    states = Counter(each.outcome.state for each in found.decisions)
+    decided = states["better"] + states["worse"]
+    return {"comparisons": len(found.decisions), "decided": decided, "open": states["open"], "further": found.further}
 
 
 @app.command(rich_help_panel=RESULT_PANEL)
@@ -78,7 +109,8 @@ def report(
     """Draw a sweep's report: one HTML file with every table and figure in it, and each figure as PNG and SVG."""
     findings = findings_of(storage, name)
     from dashboards.draw import draw
-    from deltatune.cli.sweep_report import print_contrasts
+    from deltatune.cli.sweep_report import print_contrasts, print_decisions
+    from orchestrator.analysis.contrasts import decisions
     from orchestrator.analysis.contrasts.table import numbers
     from trainables.storage.folders import make_folder
 
@@ -90,9 +122,11 @@ def report(
     if as_json:
         contrasts = [numbers(each) for each in findings.contrasts]
         figures = [str(path) for path in files[1:]]
-        print_json({"report": str(files[0]), "figures": figures, "contrasts": contrasts})
+        decided = [decisions.numbers(each) for each in findings.decisions]
+        print_json({"report": str(files[0]), "figures": figures, "contrasts": contrasts, "decisions": decided})
     else:
         print_contrasts(findings)
+        print_decisions(findings)
         out.print(f"Report:   {files[0]}", soft_wrap=True)
         out.print(f"Figures:  {len(files) - 1} PNG and SVG files in {files[0].parent / 'figures'}", soft_wrap=True)
     if show:

@@ -44,7 +44,7 @@ HUGE = "1" + 49 * "0"
         (["sweep", "demo", "--seeds", "100000000"], "seeds must be at most 1,000 (got 100000000)"),
         (["sweep", "demo", "--seeds", HUGE], "seeds must be at most 1,000 (got 1000"),
         (["sweep", "demo", "--seeds", "9" * 5000], "--seeds must be a whole number of fewer digits"),
-        (["sweep", "demo", "--seeds", "1e44"], "--seeds must be a whole number (got '1e44')"),
+        (["sweep", "demo", "--seeds", "1e44"], "--seeds must be a whole number, or auto (got '1e44')"),
         (["sweep", "demo", "--workers", HUGE], "--workers must be less than or equal to 10000"),
         (["sweep", "demo", "--workers", "0"], "--workers must be greater than or equal to 1 (got '0')"),
         (["sweep", "demo", "--checkpoint-every", "inf"], "--checkpoint-every must be"),
