@@ -46,8 +46,8 @@ def sweep(
     space: a built-in search space's name, a YAML file, a mapping of the same keys, or a SearchSpace. The other
     arguments are the command's options: name and storage say where the results are; tasks, agents, seeds and
     hyperparameters narrow the space (seeds "auto": as many as a sequential test asks for); confirm runs what is
-    selected again on so many unseen seeds; workers, address and local say where cells run; reuse says what is taken from
-    other sweeps of the storage. progress: whether to show it.
+    selected again on so many unseen seeds; workers, address and local say where cells run; reuse says what is taken
+    from other sweeps of the storage. progress: whether to show it.
     Raises InputError for bad input, before any work; SweepError for one that stopped (finished cells are kept).
     """
     folder = storage_path(storage or default_storage())

@@ -234,7 +234,7 @@ def test_bad_input_is_one_sentence(
     ("change", "says"),
     [
         ({"seed": 5}, "seed is not a known key"),
-        ({"seeds": "five"}, "seeds must be a list (got 'five')"),
+        ({"seeds": "five"}, "seeds must be a number, a list of seeds, or auto (got 'five')"),
         ({"agents": {"ppr": {"nu": 2}}}, "ppr: nu must be less than or equal to 1 (got 2)"),
         ({"agents": ["ppr"]}, "agents must be a mapping of keys to values (got ['ppr'])"),
         ({"schema": 7}, "schema must be 1 (got 7)"),
