@@ -78,16 +78,16 @@ def _open_comparisons(results: Results) -> dict[str, int] | None:
     """Return how far a sequential test over seeds is; None where the seeds are fixed, or nothing can be read."""
     from collections import Counter
 
-    import pandas as pd
-
-    from orchestrator.analysis.contrasts.decisions import replay
     from trainables.errors import InputError
 
     try:
-        space = results.space()
-        if space.sequential is None:
+        if not results.meta()["space"].get("sequential"):
             return None
-        found = replay(space, pd.DataFrame(results.rows()))
+        import pandas as pd
+
+        from orchestrator.analysis.contrasts.decisions import replay
+
+        found = replay(results.space(), pd.DataFrame(results.rows()))
     except InputError:  # the damage is said beside
         return None
     states = Counter(each.outcome.state for each in found.decisions)
