@@ -25,7 +25,7 @@ COLUMNS = ("task", "A", "B", "source", "A - B", "seeds", "decision")
 
 LEAD = (
     "The seeds ran group after group until every comparison on a target was decided or the budget was spent (AdaStop, "
-    "arXiv 2306.10882). A decision is wrong with the stated probability for all comparisons on a target together; "
+    "arXiv 2306.10882). The stated error is the probability of one wrong decision or more among all on a target; "
     "undecided means that the budget did not suffice, not that two agents are equal. Intervals and p-values elsewhere "
     "do not account for seeds that stopped at a decision."
 )
