@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
@@ -11,6 +12,7 @@ from typing import Any
 import hypothesis
 import pandas as pd
 import pytest
+from _pytest.nodeid import NodeId
 from filelock import FileLock
 
 from orchestrator.execution.settings import Settings
@@ -84,25 +86,29 @@ def timeless(table: pd.DataFrame) -> pd.DataFrame:
 LONG = (
     "test_cluster",
     "ray",
-    "test_every_space",
-    "test_simulation",
     "test_mlflow_ui",
-    "test_mlflow",
     "test_driver",
     "test_workers",
+    "test_mlflow_mirror",
+    "test_mlflow",
     "test_remote",
     "test_kill",
+    "test_two_sweeps",
     "test_executors",
-    "test_mlflow_mirror",
+    "test_browser",
     "test_mlflow_registry",
     "test_extending",
-    "test_update_speed",
-    "test_figures",
+    "test_cli",
+    "test_confirmation",
     "test_sections",
-    "test_browser",
-    "test_two_sweeps",
     "test_mutations",
     "test_fuzz",
+    "test_importance",
+    "test_custom_sweep",
+    "test_figures",
+    "test_update_speed",
+    "test_simulation",
+    "test_every_space",
 )
 """Groups of tests that take longest: they begin first, in this order, and `make test-fast` leaves them out."""
 
@@ -121,6 +127,15 @@ def _group(item: pytest.Item) -> str:
     return f"{name}:{item.name}" if name in APART else name
 
 
+def _name_group(item: pytest.Item, group: str) -> None:
+    """Append the group to a test's name, where pytest-xdist reads it.
+
+    It would do so itself for the mark `xdist_group`, but pytest 9.2 ignores the name that xdist 3.8 changes, and
+    every test would be a group of its own: module fixtures and Ray would start once in each process.
+    """
+    item._id = NodeId.parse(f"{item.nodeid}@{group}")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that use this session's Ray and those that take long; group all, and put the long groups first."""
     places = {}
@@ -128,7 +143,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if "ray_session" in getattr(item, "fixturenames", ()):
             item.add_marker("ray")
         group = _group(item)
-        item.add_marker(pytest.mark.xdist_group(group))
+        if getattr(item.config.option, "loadgroup", False):
+            _name_group(item, group)
         name = group.partition(":")[0]
         places[item] = LONG.index(name) if name in LONG else len(LONG)
         if name in LONG:
@@ -182,6 +198,34 @@ def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def calm_deep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As `finished`, of DEEP."""
     return made_once(tmp_path_factory, "calm-deep", lambda folder: _sweep(folder, 6, **DEEP))
+
+
+@contextlib.contextmanager
+def small_figures() -> Iterator[None]:
+    """Draw figures small and without a layout of their texts, which takes most of the time that a report takes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from dashboards.renderers import matplotlib_renderer
+
+    def save(sheet: Any, folder: Path, name: str) -> list[Path]:
+        folder.mkdir(exist_ok=True)
+        paths = [folder / f"{name}.png", folder / f"{name}.svg"]
+        sheet.set_layout_engine("none")
+        sheet.dpi = 10
+        FigureCanvasAgg(sheet).print_png(paths[0])
+        paths[1].write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
+        return paths
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(matplotlib_renderer, "_save", save)
+        yield
+
+
+@pytest.fixture
+def quick_figures() -> Iterator[None]:
+    """As `small_figures`: for tests of what is in a report, and not of how its figures look."""
+    with small_figures():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -33,16 +34,22 @@ DEEP = {
 
 
 BOOT = """
-import importlib, sys
+import importlib, json, sys
 from pathlib import Path
 overlay = Path(sys.argv.pop(1))
 for folder in sorted({path.parent for path in overlay.rglob("*.py")}):
     package = importlib.import_module(".".join(folder.relative_to(overlay).parts))
     package.__path__.insert(0, str(folder))
 from deltatune.cli.main import main
-main()
+for words in json.loads(sys.argv[1]):
+    sys.argv = ["deltatune", *words]
+    try:
+        main()
+    except SystemExit as end:
+        if end.code:
+            raise
 """
-"""Runs the command line with the files of a folder in place of those of the same name, and beside the others."""
+"""Runs commands with the files of a folder in place of those of the same name, and beside the others."""
 
 
 def steps(folder: Path) -> Path:
@@ -75,9 +82,9 @@ def patched(content: str, diff: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def run(overlay: Path, folder: Path, *arguments: str) -> str:
-    """What a command prints with these steps taken."""
-    command = [sys.executable, "-c", BOOT, str(overlay), *arguments]
+def run(overlay: Path, folder: Path, *commands: list[str]) -> str:
+    """What commands print with these steps taken."""
+    command = [sys.executable, "-c", BOOT, str(overlay), json.dumps(commands)]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -90,28 +97,16 @@ def overlay(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_new_agents_and_the_new_task_are_listed(overlay: Path, tmp_path: Path) -> None:
-    listed = run(overlay, tmp_path, "agents")
-    assert "warm_reuse" in listed
-    assert "bonus_es" in listed
-    assert "corridor" in run(overlay, tmp_path, "tasks")
+    listed = run(overlay, tmp_path, ["agents"], ["tasks"])
+    assert {"warm_reuse", "bonus_es", "corridor"} <= set(re.findall(r"\w+", listed))
 
 
 @pytest.mark.parametrize(("space", "agent"), [(TABULAR, "warm_reuse"), (DEEP, "bonus_es")])
 def test_a_sweep_with_them_runs_and_is_reported(overlay: Path, tmp_path: Path, space: dict, agent: str) -> None:
     (tmp_path / "space.yaml").write_text(yaml.safe_dump(space))
-    shown = run(
-        overlay,
-        tmp_path,
-        "sweep",
-        "space.yaml",
-        "--local",
-        "--workers",
-        "1",
-        "--storage",
-        str(tmp_path / "r"),
-        "--tracking-uri",
-        f"csv:{tmp_path / 'cells.csv'}",
-    )
+    name, storage = str(space["name"]), ["--storage", str(tmp_path / "r")]
+    sweep = ["sweep", "space.yaml", "--local", "--workers", "1", "--tracking-uri", f"csv:{tmp_path / 'cells.csv'}"]
+    shown = run(overlay, tmp_path, [*sweep, *storage], ["export", name, "--format", "markdown", *storage])
     assert agent in shown
     assert f"Copy:     {tmp_path / 'cells.csv'}" in shown
     assert sum(agent in line for line in (tmp_path / "cells.csv").read_text().splitlines()) == space["seeds"]
@@ -119,7 +114,6 @@ def test_a_sweep_with_them_runs_and_is_reported(overlay: Path, tmp_path: Path, s
     assert agent in (tmp_path / "r" / str(space["name"]) / "report.html").read_text()
     assert "final return <br>[95%]" in (tmp_path / "r" / str(space["name"]) / "report.html").read_text()
     assert "\n  final:\n" in (tmp_path / "r" / str(space["name"]) / "best.yaml").read_text()
-    run(overlay, tmp_path, "export", str(space["name"]), "--format", "markdown", "--storage", str(tmp_path / "r"))
     head, _, *lines = (tmp_path / "table.md").read_text().splitlines()
     assert "final return [95%]" in head
     assert any(agent in line for line in lines)

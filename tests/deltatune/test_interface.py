@@ -82,6 +82,7 @@ def test_figures_are_pictures_of_a_notebook(finished: Path) -> None:
     assert figures["curves"]._repr_png_().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_a_sweep_from_python_gives_its_results_and_goes_on(tmp_path: Path) -> None:
     settings = {
         "storage": tmp_path,

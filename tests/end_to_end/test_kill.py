@@ -18,6 +18,7 @@ from conftest import CELLS, GROUPS, LONGER, SPACE, timeless
 from mlflow.tracking import MlflowClient
 
 from orchestrator.results.sweep_folder import Results
+from tests.deltatune.cli import in_process
 
 ENOUGH = 6
 """Cells to wait for before the kill."""
@@ -28,6 +29,7 @@ def command(space: Path, storage: Path) -> list[str]:
     return [sys.executable, "-m", "deltatune.cli.main", *words]
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_a_killed_sweep_goes_on_with_its_missing_cells(calm: Path, tmp_path: Path) -> None:
     space = tmp_path / "space.yaml"
     space.write_text(yaml.safe_dump(SPACE | LONGER, sort_keys=False))
@@ -40,7 +42,11 @@ def test_a_killed_sweep_goes_on_with_its_missing_cells(calm: Path, tmp_path: Pat
         os.kill(driver.pid, signal.SIGKILL)
     there = ended(tmp_path)
     assert ENOUGH <= there < CELLS
-    tally = json.loads(subprocess.run(command(space, tmp_path), capture_output=True, check=True).stdout)["tally"]
+    code, out, err = in_process.command(
+        "sweep", str(space), "--storage", str(tmp_path), "--local", "--workers=1", "--json"
+    )
+    assert code == 0, err
+    tally = json.loads(out)["tally"]
     assert (tally["reused"], tally["ran"]) == (there, CELLS - there)
     for name in ("cells", "points"):
         tables = [pd.read_parquet(folder / "small" / f"{name}.parquet") for folder in (tmp_path, calm)]

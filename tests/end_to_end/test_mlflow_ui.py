@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import small_figures
 from mlflow.tracking import MlflowClient
 
 from deltatune.publish import artifacts, publish
@@ -45,7 +46,8 @@ def sweep(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
     storage = tmp_path_factory.mktemp("shown") / "storage"
     shutil.copytree(finished, storage)
     results = Results.open(storage, "small")
-    publish(results)
+    with small_figures():
+        publish(results)
     uri = tracking_uri(storage, None)
     mlflow_registry.register_now(results, uri, sync_now(find(results), uri, artifacts(results)))
     return results

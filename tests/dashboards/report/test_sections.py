@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from dashboards.draw import draw
-from dashboards.figure_model import Absent, Chart
+from dashboards.figure_model import Absent, Chart, Figure
 from dashboards.renderers.plotly_renderer import specs
 from dashboards.report import sections
 from orchestrator.analysis.findings import Findings, find
@@ -56,17 +56,33 @@ class Page(HTMLParser):
         return [own["id"] for own in self.found("section")]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def small(finished: Path) -> Findings:
     return find(Results.open(finished, "small"))
+
+
+@pytest.fixture(scope="module")
+def drawn(small: Findings) -> list[Figure]:
+    return sections.figures(small)
+
+
+@pytest.fixture(scope="module")
+def report(small: Findings, drawn: list[Figure], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of the finished sweep."""
+    return sections.write(small, drawn, tmp_path_factory.mktemp("report") / "report.html")
+
+
+@pytest.fixture(scope="module")
+def page(report: Path) -> Page:
+    """What is in it."""
+    return Page(report)
 
 
 def written(findings: Findings, folder: Path) -> Page:
     return Page(sections.write(findings, sections.figures(findings), folder / "report.html"))
 
 
-def test_every_section_is_there_in_its_order_with_its_data(small: Findings, tmp_path: Path) -> None:
-    page = written(small, tmp_path)
+def test_every_section_is_there_in_its_order_with_its_data(small: Findings, page: Page) -> None:
     assert page.sections == SECTIONS
     text = " ".join(page.text)
     for shown in (
@@ -84,24 +100,22 @@ def test_every_section_is_there_in_its_order_with_its_data(small: Findings, tmp_
     ]
 
 
-def test_the_numbers_of_table_1_are_those_of_the_groups(small: Findings, tmp_path: Path) -> None:
-    text = re.sub(r"\s+", " ", " ".join(written(small, tmp_path).text))
+def test_the_numbers_of_table_1_are_those_of_the_groups(small: Findings, page: Page) -> None:
+    text = re.sub(r"\s+", " ", " ".join(page.text))
     for group in small.best:
         assert group.auc is not None
         assert f"{group.auc.value:.2f} ({group.auc.sd:.2f})".replace("-", "−") in text
 
 
-def test_the_file_needs_nothing_outside_itself(small: Findings, tmp_path: Path) -> None:
-    page = written(small, tmp_path)
+def test_the_file_needs_nothing_outside_itself(report: Path, page: Page) -> None:
     for tag, own in page.tags:
         for name in ("src", "href", "action", "srcset"):
             assert (own.get(name) or "#").startswith(("#", "data:")), (tag, own)
     assert "default-src 'none'" in str(page.found("meta", **{"http-equiv": "Content-Security-Policy"}))
-    assert "Plotly" in (tmp_path / "report.html").read_text()
+    assert "Plotly" in report.read_text()
 
 
-def test_it_can_be_read_without_eyes_and_mouse(small: Findings, tmp_path: Path) -> None:
-    page = written(small, tmp_path)
+def test_it_can_be_read_without_eyes_and_mouse(page: Page) -> None:
     assert len(page.found("main")) == len(page.found("header")) == len(page.found("nav")) == len(page.found("h1")) == 1
     assert page.found("html", lang="en")
     heads = page.found("th")
@@ -114,9 +128,9 @@ def test_it_can_be_read_without_eyes_and_mouse(small: Findings, tmp_path: Path) 
     assert all(own.get("type") == "button" for own in page.found("button") if own)
 
 
-def test_the_same_results_give_the_same_bytes(small: Findings, tmp_path: Path) -> None:
-    first = sections.write(small, sections.figures(small), tmp_path / "1.html").read_bytes()
-    assert sections.write(small, sections.figures(small), tmp_path / "2.html").read_bytes() == first
+def test_the_same_results_give_the_same_bytes(small: Findings, report: Path, tmp_path: Path) -> None:
+    again = sections.write(small, sections.figures(small), tmp_path / "again.html")
+    assert again.read_bytes() == report.read_bytes()
 
 
 def test_no_text_of_a_user_becomes_markup(tmp_path: Path) -> None:
@@ -184,9 +198,10 @@ def test_a_sweep_that_has_not_begun_has_a_report(tmp_path: Path) -> None:
 def test_a_thousand_cells_stay_small_and_show_one_target_at_a_time(tmp_path: Path) -> None:
     made = synthetic.findings(tmp_path, 10, 10, 501)
     assert len(made.cells) == 1000
-    page = written(made, tmp_path)
+    drawn = sections.figures(made)
+    page = Page(sections.write(made, drawn, tmp_path / "report.html"))
     assert (tmp_path / "report.html").stat().st_size < 15e6
-    curves = next(figure for figure in sections.figures(made) if figure.name == "curves")
+    curves = next(figure for figure in drawn if figure.name == "curves")
     assert isinstance(curves, Chart)
     assert "Of 501 evaluations about every 4th is drawn." in curves.caption
     assert max(len(one.x) for panel in curves.panels for one in panel.series) <= 160
@@ -196,14 +211,15 @@ def test_a_thousand_cells_stay_small_and_show_one_target_at_a_time(tmp_path: Pat
     assert len(hidden) > len(page.found("div", **{"class": "panel"})) / 2
 
 
-def test_every_number_of_a_chart_is_one(small: Findings) -> None:
-    for figure in sections.figures(small):
+def test_every_number_of_a_chart_is_one(drawn: list[Figure]) -> None:
+    for figure in drawn:
         json.dumps(specs(figure), allow_nan=False)
 
 
-def test_the_report_is_drawn_with_the_figures(small: Findings, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("quick_figures")
+def test_the_report_is_drawn_with_the_figures(small: Findings, drawn: list[Figure], tmp_path: Path) -> None:
     paths = draw(small, tmp_path, every=True)
     assert paths[0] == tmp_path / "report.html"
-    drawn = {figure.name for figure in sections.figures(small) if not isinstance(figure, Absent)}
-    assert {path.stem for path in paths[1:]} == drawn
+    names = {figure.name for figure in drawn if not isinstance(figure, Absent)}
+    assert {path.stem for path in paths[1:]} == names
     assert {path.suffix for path in paths[1:]} == {".png", ".svg"}

@@ -16,7 +16,7 @@ from conftest import CELLS, SPACE
 from deltatune.cli.main import main
 from orchestrator.results.sweep_folder import Results
 
-pytestmark = pytest.mark.usefixtures("quick_mlflow")
+pytestmark = pytest.mark.usefixtures("quick_mlflow", "quick_figures")
 
 
 class Terminal:

@@ -194,6 +194,7 @@ def picked(pick: str) -> dict[str, Any]:
     return scenario
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_every_view_has_the_confirmed_figure_beside_the_selected_one(
     results: Results, findings: Findings, tmp_path: Path
 ) -> None:

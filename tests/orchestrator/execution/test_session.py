@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from conftest import SPACE
+from conftest import SPACE, small_figures
 from rich.console import Console
 
 from deltatune import publish
@@ -64,7 +64,8 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     storage = tmp_path_factory.mktemp("done")
     with SweepSession.open(storage, "small", space()) as now:
         assert now.run(LOCAL).failed == 0
-        publish.publish(now.results)
+        with small_figures():
+            publish.publish(now.results)
     return storage
 
 
@@ -85,6 +86,7 @@ def test_another_search_space_is_refused_and_changes_nothing(done: Path) -> None
     assert snapshot(done) == before
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_a_sweep_that_is_done_is_finished_in_mlflow_and_free(done: Path, store: Store) -> None:
     with SweepSession.open(done, "small", space(), tracking_uri="sqlite:///x") as now:
         now.run(LOCAL)
@@ -173,6 +175,7 @@ def test_a_driver_whose_lease_is_taken_over_stops_with_a_sentence_and_leaves_mlf
     assert (done / "small" / "sweep.json").exists()
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_one_figures_error_costs_that_figure_alone(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from dashboards.figures import transfer_matrix
 
@@ -222,6 +225,7 @@ def test_what_the_end_needs_is_imported_while_cells_run(tmp_path: Path) -> None:
     assert where == ["meanwhile"]
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_the_numbers_of_every_configuration_are_published(done: Path) -> None:
     published = publish.publish(Results.open(done, "small"))
     table = pd.read_csv(done / "small" / "configurations.csv")

@@ -11,7 +11,7 @@ from typing import Any
 
 import mlflow
 import pytest
-from conftest import CELLS, GROUPS
+from conftest import CELLS, GROUPS, small_figures
 from mlflow.entities import Run
 from mlflow.tracking import MlflowClient
 from rich.console import Console
@@ -31,7 +31,7 @@ from orchestrator.tracking.uri import tracking_uri
 from tests.orchestrator.local_sweeps import LOCAL, space
 from trainables.errors import InputError
 
-pytestmark = pytest.mark.usefixtures("quick_mlflow")
+pytestmark = pytest.mark.usefixtures("quick_mlflow", "quick_figures")
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,8 @@ def mirrored(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Result
     storage = tmp_path_factory.mktemp("mirrored") / "storage"
     shutil.copytree(finished, storage)
     results = Results.open(storage, "small")
-    publish(results)
+    with small_figures():
+        publish(results)
     sync(find(results), tracking_uri(storage, None), artifacts(results))
     return results
 
