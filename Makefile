@@ -2,7 +2,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PACKAGES := trainables search_spaces orchestrator dashboards deltatune
-TWO := -n 2 --dist loadgroup --no-loadscope-reorder
+PROCESSES ?= 2
+GROUPED := -n $(PROCESSES) --dist loadgroup --no-loadscope-reorder
 
 .PHONY: setup demo docs test test-fast test-slow lint check bench clean
 
@@ -21,13 +22,13 @@ demo: setup
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# All but the slow ones, in two processes, by the groups and in the order of tests/conftest.py.
+# All but the slow ones, in two processes (or PROCESSES=4, say), by the groups and in the order of tests/conftest.py.
 test: setup
-	$(BIN)/python -m pytest $(TWO)
+	$(BIN)/python -m pytest $(GROUPED)
 
 # A loop of under a minute: nothing that takes long, or starts Ray or a browser.
 test-fast: setup
-	$(BIN)/python -m pytest $(TWO) -m 'not (slow or long or ray or cluster or browser)'
+	$(BIN)/python -m pytest $(GROUPED) -m 'not (slow or long or ray or cluster or browser)'
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
