@@ -289,7 +289,7 @@ def test_several_source_networks_go_from_forecast_to_replay(
     name: str, pick: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = miniature(loaded(name, tmp_path))
-    agents = [agent for agent in asked.agents if agent in FEW] if name in built_in() else None
+    agents = [agent for agent in asked.agents if agent in FEW] if name in built_in() else ()
     small = crossed(narrow(asked, seeds=2, agents=agents), pick)
     results = from_forecast_to_replay(small, tmp_path, monkeypatch)
     found = find(results)
