@@ -18,6 +18,7 @@ import ray
 
 from orchestrator.cluster import ending
 from orchestrator.cluster.resources import Resources, local_cpus
+from orchestrator.errors import SweepError
 from orchestrator.results.provenance import packages_folder, write_staged
 from trainables.errors import InputError
 
@@ -44,13 +45,24 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
         return
     if address is None:
         cpus = math.ceil(workers * resources.cpus) if workers else local_cpus()
-        ray.init(address="local", num_cpus=cpus, include_dashboard=False, **_QUIET)
+        _start(cpus)
     else:
         _join(address)
     try:
         yield
     finally:
         ending.end(ray.shutdown)
+
+
+def _start(cpus: int) -> None:
+    """Start Ray on this machine. Raises SweepError where it does not start, as on a machine that is too busy."""
+    try:
+        ray.init(address="local", num_cpus=cpus, include_dashboard=False, **_QUIET)
+    except Exception as error:  # Ray raises a plain Exception where a node is not ready in time
+        why = " ".join(str(error).split(".")[0].split())
+        raise SweepError(
+            f"Ray did not start on this machine ({why}): the same command tries again, and --local needs no Ray"
+        ) from error
 
 
 def _join(address: str) -> None:

@@ -54,7 +54,7 @@ def test_the_live_line_keeps_its_bar_and_count(width: int) -> None:
     from orchestrator.execution.display import bars, fields
     from orchestrator.results.progress import Snapshot
 
-    snapshot = Snapshot("transfer", 108, 40, 1, 0, 2, 0.4, 12_345.0, 130.0, "best AUC -36.7 (delta_gate on a task)")
+    snapshot = Snapshot("transfer", 108, 40, 1, 0, 2, 0, 0.4, 12_345.0, 130.0, "best AUC -36.7 (delta_gate on a task)")
     console = Console(file=io.StringIO(), width=width)
     live = bars(console)
     live.add_task(**fields(snapshot))
