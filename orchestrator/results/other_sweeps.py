@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from orchestrator.results.provenance import versions
-from orchestrator.results.records.record import Line, Record, read_record, split_line
+from orchestrator.results.records.record import Line, Record, id_on, read_record, split_line
 from orchestrator.results.records.record_log import SEGMENT
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
@@ -65,8 +65,7 @@ class OtherSweeps:
                 offset = 0
                 with (folder / name).open("rb") as file:
                     for line in file:
-                        cell_id = line[9:25].decode("ascii", errors="replace")
-                        known.setdefault(cell_id, []).append((folder / name, offset, offset + len(line)))
+                        known.setdefault(id_on(line), []).append((folder / name, offset, offset + len(line)))
                         offset += len(line)
         except OSError as error:
             log.info("%s is left out of what can be copied: %s", folder.parent, error)

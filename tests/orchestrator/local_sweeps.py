@@ -5,17 +5,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
 from conftest import SPACE
+from rich.console import Console
 
 from orchestrator.execution.settings import Settings
+from orchestrator.execution.sweep import run
+from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
 
 LOCAL = Settings(local=True, workers=1)
+POOL = Settings(local=True, workers=2)
+
+OTHER_EXECUTORS = [pytest.param(Settings(), id="ray", marks=pytest.mark.ray), pytest.param(POOL, id="processes")]
+"""The settings of the executors beside the one of LOCAL."""
 
 
 def space(**changes: Any) -> SearchSpace:
     return parse("small", SPACE | {"seeds": 1, "agents": {"q_learning": {}}} | changes)
+
+
+def swept(storage: Path, asked: SearchSpace, settings: Settings = LOCAL) -> tuple[Results, int]:
+    """The sweep after another run of it, and how many cells that ran."""
+    results = Results.create(storage, "small", asked)
+    summary = run(results, settings, Console(quiet=True))
+    assert (summary.failed, summary.left) == (0, 0)
+    return results, summary.ran
 
 
 def snapshot(folder: Path) -> dict[str, bytes | None]:

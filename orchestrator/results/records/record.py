@@ -78,6 +78,11 @@ class Line(NamedTuple):
     points: bytes
 
 
+def id_on(data: bytes) -> str:
+    """Return the cell id on a line without verifying it, for an index; `split_line` says whether the line is whole."""
+    return data[9:25].decode("ascii", errors="replace")  # after the checksum and a tab
+
+
 def split_line(data: bytes) -> Line | None:
     """Return the parts of a line (with or without its end), or None where it is damaged."""
     checksum, tab, body = data.rstrip(b"\n").partition(b"\t")

@@ -21,7 +21,6 @@ from deltatune.publish import publish
 from orchestrator.analysis.findings import Findings, find
 from orchestrator.errors import InterruptedSweepError
 from orchestrator.execution.forecast import forecast
-from orchestrator.execution.settings import Settings
 from orchestrator.execution.sweep import run
 from orchestrator.export.best_params import best, read_params
 from orchestrator.planning.confirmation import CONFIRMATION, check_confirmation
@@ -31,6 +30,7 @@ from orchestrator.tracking.mlflow.fields import group_figures, places
 from search_spaces.loading import parse
 from search_spaces.narrow import narrow
 from search_spaces.search_space import FIRST_UNSEEN_SEED, SearchSpace
+from tests.orchestrator.local_sweeps import swept
 from trainables.cell import Cell
 from trainables.errors import InputError
 
@@ -39,14 +39,6 @@ UNSEEN = tuple(range(FIRST_UNSEEN_SEED, FIRST_UNSEEN_SEED + 3))
 
 def space(**changes: Any) -> SearchSpace:
     return parse("small", SPACE | {"confirm": {"seeds": 3}, "hyperparameters": {"episodes": [30]}} | changes)
-
-
-def swept(storage: Path, asked: SearchSpace, settings: Settings = LOCAL) -> tuple[Results, int]:
-    """The sweep after another run of it, and how many cells that ran."""
-    results = Results.create(storage, "small", asked)
-    summary = run(results, settings, Console(quiet=True))
-    assert (summary.failed, summary.left) == (0, 0)
-    return results, summary.ran
 
 
 @pytest.fixture(scope="module")

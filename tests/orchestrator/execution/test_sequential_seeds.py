@@ -23,11 +23,11 @@ from orchestrator.execution.sweep import run
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
+from tests.orchestrator.local_sweeps import OTHER_EXECUTORS, swept
 
 AUTO = {"auto": {"group": 3, "max": 9, "alpha": 0.2}}
 AGENTS: dict[str, dict[str, Any]] = {"q_learning": {}, "policy_reuse": {}, "ppr": {}, "delta_gate": {}}
 """Of these delta_gate does here what policy_reuse does, which stays undecided."""
-POOL = Settings(local=True, workers=2)
 
 
 def space(**changes: Any) -> SearchSpace:
@@ -35,14 +35,6 @@ def space(**changes: Any) -> SearchSpace:
     scenarios = [{"source": source, "targets": ["windy_gridworld", "windy_gridworld:wind=reversed"]}]
     shorter = {"hyperparameters": {"episodes": [60]}, "agents": AGENTS}
     return parse("small", SPACE | {"seeds": AUTO, "scenarios": scenarios} | shorter | changes)
-
-
-def swept(storage: Path, asked: SearchSpace, settings: Settings = LOCAL) -> tuple[Results, int]:
-    """The sweep after another run of it, and how many cells that ran."""
-    results = Results.create(storage, "small", asked)
-    summary = run(results, settings, Console(quiet=True))
-    assert (summary.failed, summary.left) == (0, 0)
-    return results, summary.ran
 
 
 @pytest.fixture(scope="module")
@@ -83,9 +75,7 @@ def test_the_cells_are_among_those_of_fixed_seeds_and_the_decisions_depend_on_th
     assert find(fixed).decisions == find(results).decisions
 
 
-@pytest.mark.parametrize(
-    "settings", [pytest.param(Settings(), id="ray", marks=pytest.mark.ray), pytest.param(POOL, id="processes")]
-)
+@pytest.mark.parametrize("settings", OTHER_EXECUTORS)
 def test_all_executors_come_to_the_same_cells(
     results: Results, tmp_path: Path, settings: Settings, request: pytest.FixtureRequest
 ) -> None:

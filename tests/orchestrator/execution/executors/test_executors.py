@@ -26,8 +26,7 @@ from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
-
-POOL = Settings(local=True, workers=2)
+from tests.orchestrator.local_sweeps import OTHER_EXECUTORS, POOL
 
 WITHOUT_RAY = """
 import contextlib, json, sys
@@ -55,9 +54,7 @@ def files(storage: Path) -> set[str]:
     return {str(path.relative_to(storage)) for path in storage.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize(
-    "settings", [pytest.param(Settings(), id="ray", marks=pytest.mark.ray), pytest.param(POOL, id="processes")]
-)
+@pytest.mark.parametrize("settings", OTHER_EXECUTORS)
 def test_all_executors_give_the_same_bits_and_files(
     finished: Path, tmp_path: Path, settings: Settings, request: pytest.FixtureRequest
 ) -> None:
