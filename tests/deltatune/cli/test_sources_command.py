@@ -86,6 +86,7 @@ def test_rank_says_which_source_and_why_or_none(storage: str) -> None:
     assert sum(row["episodes"] for row in found["sources"]) == 19
     text = _run("rank", "windy_gridworld:wind=reversed", "--episodes", "20", "--storage", storage, code=3)
     assert "None is similar enough" in text
+    assert "by the lower end of the return's interval" in text
     assert _run("rank", "windy_gridworld:wind=reversed", "--episodes", "20", "--storage", storage, code=3) == text
 
 

@@ -116,6 +116,50 @@ def test_results_of_custom_code_are_read_the_same_where_it_is_not(home: Path, mo
     assert replay(home / "results", cell.id).agrees
 
 
+THREADED = """
+import torch
+
+from deltatune import StepLearner, Transfer, agent
+
+
+class Threaded(StepLearner):
+    def statistics(self):
+        return {"threads": torch.get_num_threads()}
+
+
+class Settings(Transfer):
+    pass
+
+
+Agent = agent(Threaded, Settings, base="q_learning")
+"""
+"""An agent whose numbers depend on the threads of its process, as sums of several threads do."""
+
+
+def test_a_cell_is_replayed_with_as_many_threads_as_its_worker_had(home: Path) -> None:
+    torch = pytest.importorskip("torch")
+    (home / "threaded.py").write_text(THREADED)
+    results, tally = sweep(
+        home,
+        space(
+            home,
+            {"task": "windy_gridworld", "kinds": ["exact"]},
+            ["windy_gridworld:wind=small"],
+            {"threaded.py:Agent": {}},
+            hyperparameters={"episodes": 2, "evaluate_every": 1},
+        ),
+    )
+    assert tally.failed == 0
+    (cell,) = results.plan()["transfer"]
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        found = replay(home / "results", cell.id)
+        assert found.agrees, found
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_custom_code_that_is_wrong_fails_its_cells_and_no_others(home: Path) -> None:
     names = ["Reset", "Shape", "Nan", "Multi", "Words"]
     targets = ["bad_tasks.py:Good:wind=0.1", *(f"bad_tasks.py:{name}" for name in names)]

@@ -229,38 +229,6 @@ def test_compaction_takes_away_no_record_that_it_has_not_read(bucket: Path) -> N
     assert again.record(record(7).cell.id) == record(7)
 
 
-def test_an_object_store_is_asked_little(bucket: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A record is one request to write; all of them are one to list and one for each segment."""
-    asked: list[str] = []
-    fs = type(bucket.fs)  # type: ignore[attr-defined]
-    for name in ("ls", "info", "exists", "cat_file", "_open", "pipe_file"):
-        real = getattr(fs, name)
-
-        def counted(self: object, path: str, *words: object, name: str = name, real: object = real, **more: object):  # type: ignore[no-untyped-def]
-            asked.append(name)
-            return real(self, path, *words, **more)  # type: ignore[operator]
-
-        monkeypatch.setattr(fs, name, counted)
-    log = RecordLog(bucket / "records", token="aa")
-    for seed in range(10):
-        log.append([record(seed)])
-    writes = len(asked)
-    assert asked.count("ls") == 1
-    assert asked.count("_open") + asked.count("pipe_file") == 10
-    assert writes <= 1 + 10 + 1
-    asked.clear()
-    reader = RecordLog(bucket / "records")
-    reader.refresh()
-    assert [name for name in asked if name not in ("ls", "cat_file", "_open", "info")] == []
-    assert asked.count("ls") == 1
-    assert asked.count("cat_file") == 10
-    asked.clear()
-    log.compact()
-    for seed in range(10):
-        assert log.record(record(seed).cell.id) == record(seed)
-    assert asked.count("cat_file") <= 10, "a GET for each segment, not for each record"
-
-
 def test_a_heartbeat_that_does_not_arrive_is_in_the_log_and_the_next_one_is_sent(
     bucket: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
