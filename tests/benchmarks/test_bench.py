@@ -38,6 +38,7 @@ SAID: dict[str, Any] = {
     "answers": {"yardstick_seconds": 0.2, "commands": [{"command": "status", "seconds": 0.4}]},
     "demo": {"until the first cell": 10.0, "wall": 30.0, "ideal": 15.0},
     "scaling": {"overhead": {"run": 30.0, "work": 50.0, "workers": 2.0}, "no-op": [{"cells": 1000.0, "run": 4.0}]},
+    "plain_ray": {"start": 6.0, "actors": 28.0, "tune": 50.0, "ideal": 25.0},
     "tracking.cell_cost": {"cell": 30.0, "floor": 15.0},
     "tracking.sweep_cost": [["none", {"run": 50.0}], ["sqlite", {"run": 51.0}]],
 }
@@ -56,7 +57,10 @@ def test_every_part_is_compared_with_a_peer_or_a_limit(monkeypatch: pytest.Monke
     assert found["deltatune status", "2.5 x import numpy, yaml, typer"] == 1.25
     assert found["demo, until its first cell", "goal"] == 0.8
     assert found["demo", "its training on all workers"] == 0.5
+    assert found["demo without its training", "plain Ray Tune, start and end"] == 0.4
     assert found["1,000 cells of 50 ms", "ideal wall time"] == 0.833
+    assert found["1,000 cells of 50 ms", "plain Ray actors"] == 0.933
+    assert found["1,000 cells of 50 ms", "plain Ray Tune, a trial each"] == 1.667
     assert found["MLflow, a cell of 501 points", "an empty run"] == 0.5
     assert found["sweep with MLflow, sqlite", "without"] == 0.98
     assert len(table(list(rows.values())).splitlines()) == len(rows) + 1
