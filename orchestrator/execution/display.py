@@ -30,6 +30,8 @@ LOG_EVERY = 15.0
 MAX_NOTES = 5
 """Warnings of one logger that a stage shows; the driver log has all."""
 
+COMPILING = "compiling the training code, once for this machine and version: up to a minute"
+
 log = logging.getLogger("deltatune.sweep")
 
 
@@ -86,12 +88,15 @@ class _Notes(logging.Handler):
 class Display:
     """Shows a stage's progress: cells done, running, failed, left; remaining time; best cell. Also writes the log."""
 
-    def __init__(self, console: Console, stage: str, total: int, folder: Path, further: int = 0) -> None:
-        """further: cells that may follow if a sequential test over seeds goes on."""
+    def __init__(
+        self, console: Console, stage: str, total: int, folder: Path, further: int = 0, said: set[str] | None = None
+    ) -> None:
+        """further: cells that may follow if a sequential test over seeds goes on. said: what a sweep says only once."""
         self._console, self._folder = console, folder
         self._progress = Progress(stage, total, further)
         self._logged = self._written = self._shown = time.monotonic()
         self._any = False
+        self._said = set() if said is None else said
         self._write_every = 2.0 if is_local(folder) else LOG_EVERY
         self._bars = bars(console)
         self._notes = _Notes(console)
@@ -126,6 +131,15 @@ class Display:
             log.info("failed: %s %s on %s, seed %d: %s", cell.id, cell.agent, cell.task, cell.seed, record.error)
         if not self._any:  # said at once, where there is no live line: the sweep is at work
             self._any, self._logged, self._shown = True, -math.inf, -math.inf
+        self._show()
+
+    def compiling(self) -> None:
+        """Say once that workers compile; the live line says so until a cell reports."""
+        if COMPILING not in self._said:
+            self._said.add(COMPILING)
+            log.info("%s", COMPILING)
+            self._console.print(COMPILING, soft_wrap=True)
+        self._progress.compiling()
         self._show()
 
     def progress(self, report: messages.Progress) -> None:

@@ -75,6 +75,7 @@ class Stages:
         self._opened: tuple[Executor, Workplace] | None = None
         self._sink: OutcomeSink | None = None
         self._workers: set[tuple[int, str]] = set()
+        self._said: set[str] = set()
 
     def run(self, works: Iterator[Work]) -> None:
         """Run the missing cells of each stage. Raises InterruptedSweepError where an interruption leaves some.
@@ -101,7 +102,7 @@ class Stages:
                 continue
             workplace = self._open()[1]
             payload = self._payload(work, workplace)
-            with Display(self._console, work.stage, total, self._results.folder, work.further) as display:
+            with Display(self._console, work.stage, total, self._results.folder, work.further, self._said) as display:
                 self._sink = OutcomeSink(work.stage, ledger, self._summary, display, self._on_record)
                 queue, stopping = self._queue(work, searches, workplace), self._stopping(work)
                 monitor = StageMonitor(queue, self._sink, display, stopping, self._workers)

@@ -42,6 +42,8 @@ class Snapshot:
     """The highest AUC so far on the task of the cell that ended last, with its agent."""
     updated: float = 0.0
     """Seconds since 1970."""
+    compiling: bool = False
+    """Whether workers compile kernels, and no cell has reported since."""
 
     @property
     def ended(self) -> int:
@@ -58,7 +60,9 @@ class Snapshot:
         return f"{self.steps_per_second:,.0f} steps/s" if self.steps_per_second else ""
 
     def left(self) -> str:
-        """Return 'about 4 min left'."""
+        """Return 'about 4 min left', or 'compiling'."""
+        if self.compiling:
+            return "compiling"
         if self.seconds_left is None or self.ended >= self.total:
             return ""
         for size, name in ((3600, "h"), (60, "min")):
@@ -95,19 +99,23 @@ class Progress:
     """Running cell to (share, steps)."""
     _steps: int = 0
     _running: int = 0
+    _compiling: bool = False
     _best: dict[str, tuple[float, str]] = field(default_factory=dict)
     """Task to the highest AUC on it and its agent; the task of the cell that ended last comes last."""
     _first: float | None = None
     """When the stage was first heard of; a cell that ended first had begun by then."""
     _before: tuple[float, int] = (0.0, 0)
-    """The share and the steps that the first cell had done by then, perhaps in an earlier run."""
+    """The share and the steps that were done by then, in an earlier run or while kernels were compiled."""
 
     def ended(self, record: Record) -> None:
         """Count an ended cell."""
-        self._first = self._first or time.monotonic() - record.seconds
         self.over(record.cell.id)
         self._count[record.status] += 1
         self._steps += int((record.points["step"] or [0])[-1] or 0)
+        if self._compiling:  # the time that this cell took says nothing of the next ones
+            self._compiling, self._first = False, time.monotonic()
+            self._before = self._passed(), self._all_steps()
+        self._first = self._first or time.monotonic() - record.seconds
         if record.status == "done":
             score = auc(record.returns), record.cell.agent
             self._best[record.cell.task] = max(self._best.pop(record.cell.task, score), score)
@@ -120,17 +128,21 @@ class Progress:
         """Update the number of busy workers."""
         self._running = packs
 
+    def compiling(self) -> None:
+        """Note that a worker compiles kernels."""
+        self._compiling = True
+
     def share(self, cell: str, share: float, step: int) -> None:
         """Update the finished share of a long cell."""
+        self._compiling = False
         if self._first is None:
             self._first, self._before = time.monotonic(), (share, step)
         self._shares[cell] = share, step
 
     def snapshot(self) -> Snapshot:
         """Return the present progress."""
-        passed = sum(self._count.values()) + sum(share for share, _ in self._shares.values())
+        passed, steps = self._passed(), self._all_steps()
         seconds = time.monotonic() - self._first if self._first else 0.0
-        steps = self._steps + sum(step for _, step in self._shares.values())
         known, gained = seconds >= KNOWN_AFTER, passed - self._before[0]
         return Snapshot(
             stage=self.stage,
@@ -141,9 +153,18 @@ class Progress:
             share=passed / self.total if self.total else 1.0,
             steps_per_second=(steps - self._before[1]) / seconds if known else None,
             seconds_left=seconds / gained * (self.total - passed) if known and gained > 0 else None,
+            compiling=self._compiling,
             best=self._best_text(),
             updated=time.time(),
         )
+
+    def _passed(self) -> float:
+        """Return how many cells have ended, with the finished shares of running ones."""
+        return sum(self._count.values()) + sum(share for share, _ in self._shares.values())
+
+    def _all_steps(self) -> int:
+        """Return the training steps of ended and running cells."""
+        return self._steps + sum(step for _, step in self._shares.values())
 
     def _best_text(self) -> str:
         """Return 'best AUC on TASK: -12.3 (AGENT)' for the last task; AUCs of different tasks are not comparable."""

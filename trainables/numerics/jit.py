@@ -18,11 +18,12 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
 from platformdirs import user_cache_path
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -127,3 +128,25 @@ def compiled(function: F) -> F:
         return cast("F", result)
     finally:
         config.CACHE_LOCATOR_CLASSES = before
+
+
+class _Begun(event.Listener):
+    """Calls `tell` when the first kernel is compiled."""
+
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self._tell: Callable[[], None] | None = tell
+
+    def on_start(self, event: object) -> None:
+        tell, self._tell = self._tell, None
+        if tell is not None:
+            tell()
+
+    def on_end(self, event: object) -> None:
+        pass
+
+
+@contextlib.contextmanager
+def on_compilation(tell: Callable[[], None]) -> Iterator[None]:
+    """Call `tell` once if a kernel is compiled in the block, when that begins; one from the cache does not count."""
+    with event.install_listener("numba:compile", _Begun(tell)):
+        yield

@@ -74,6 +74,11 @@ class Started:
 
 
 @dataclass(frozen=True)
+class Compiling:
+    """A worker compiles a kernel that the cache on its disk lacks, which takes up to a minute for all of them."""
+
+
+@dataclass(frozen=True)
 class Progress:
     """The progress of a long cell."""
 
@@ -108,7 +113,7 @@ class Logged:
     lines: tuple[tuple[str, int, str], ...]
 
 
-Report = Started | Progress | Ended | Reached | Logged
+Report = Started | Compiling | Progress | Ended | Reached | Logged
 Tell = Callable[[Report], None]
 """Sends a report to the driver."""
 Stop = Callable[[], bool]

@@ -22,6 +22,7 @@ from trainables.training.lockstep import lockstep
 from trainables.training.messages import (
     LOGGER,
     STOP,
+    Compiling,
     Ended,
     Logged,
     Outcome,
@@ -50,6 +51,8 @@ def run_pack(cells: Sequence[Cell], together: bool, payload: WorkerPayload, tell
 
     together: run them side by side, with a report after each evaluation, for early stopping.
     """
+    from trainables.numerics.jit import on_compilation
+
     folder = storage_path(payload.checkpoints) if payload.checkpoints else None
     options: dict[str, Any] = {
         "keep": payload.keep,
@@ -61,10 +64,11 @@ def run_pack(cells: Sequence[Cell], together: bool, payload: WorkerPayload, tell
     def source(cell: Cell) -> Knowledge | None:
         return Knowledge(payload.sources[cell.source_key]) if cell.sources else None
 
-    if together:
-        _run_together([CellRun(cell, source, **options) for cell in cells], tell, stop)
-    else:
-        _run_in_turn(cells, source, options, tell, stop)
+    with on_compilation(lambda: tell(Compiling())):
+        if together:
+            _run_together([CellRun(cell, source, **options) for cell in cells], tell, stop)
+        else:
+            _run_in_turn(cells, source, options, tell, stop)
 
 
 def _saved(folder: Path | None) -> set[str] | None:

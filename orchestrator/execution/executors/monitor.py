@@ -13,7 +13,18 @@ from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary
 from orchestrator.execution.work_queue import Pack, Running, WorkQueue
 from trainables import curve
-from trainables.training.messages import Ended, Logged, Outcome, Progress, Reached, Report, Started, lost, stopped
+from trainables.training.messages import (
+    Compiling,
+    Ended,
+    Logged,
+    Outcome,
+    Progress,
+    Reached,
+    Report,
+    Started,
+    lost,
+    stopped,
+)
 
 log = logging.getLogger("deltatune.workers")
 
@@ -82,6 +93,8 @@ class StageMonitor:
                     self.workers.add((report.pid, report.node))
                     log.info("a worker has started: process %d on %s", report.pid, report.node)
                 self.queue.on_started(trial, report.pid, report.node)
+            case Compiling():
+                self.display.compiling()
             case Progress():
                 self.display.progress(report)
                 self.queue.on_progress(report.cell, report.share)

@@ -59,6 +59,23 @@ def test_the_rate_and_what_is_left_count_from_when_the_stage_was_first_heard_of(
     assert later.left() == "about 2 min left"
 
 
+def test_the_cell_during_which_kernels_were_compiled_says_nothing_of_the_time_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
+    stage = Progress("source", 20)
+    stage.compiling()
+    assert "compiling" in stage.snapshot().line()
+    now += 60
+    stage.ended(ended("cartpole", 100.0, "dqn"))
+    assert "compiling" not in stage.snapshot().line()
+    now += 2
+    for _ in range(9):
+        stage.ended(ended("cartpole", 100.0, "dqn"))
+    assert stage.snapshot().left() == "about 2 s left"
+
+
 class ConnectTimeoutError(Exception):
     """What a client of an object store raises: no OSError."""
 

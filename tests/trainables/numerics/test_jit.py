@@ -96,3 +96,22 @@ def test_the_kernels_of_versions_unused_for_a_month_are_removed(package: Path, t
     second = _folder()
     assert second is not None
     assert {path.name for path in (tmp_path / "cache").iterdir()} == {Path(second).name, kept.name, other.name}
+
+
+def test_compilation_is_told_once_and_a_kernel_from_the_cache_is_none(
+    package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = _folder()
+    monkeypatch.setattr(jit, "_cache_folder", lambda: folder)
+    file = tmp_path / "kernels.py"
+    names = ("one", "two")
+    file.write_text("\n\n".join(f"def {name}(x):\n    return x + 1" for name in names))
+
+    def told() -> int:
+        calls: list[None] = []
+        defined = runpy.run_path(str(file))
+        with jit.on_compilation(lambda: calls.append(None)):
+            assert [jit.compiled(defined[name])(1) for name in names] == [2, 2]
+        return len(calls)
+
+    assert [told(), told()] == [1, 0]
