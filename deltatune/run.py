@@ -13,7 +13,7 @@ from deltatune.publish import load as load_renderers
 from deltatune.sweep_results import SweepResults
 from orchestrator.errors import InterruptedSweepError
 from orchestrator.execution.session import SweepSession
-from orchestrator.execution.settings import Reuse, Settings
+from orchestrator.execution.settings import KEEP_STATES, Reuse, Settings
 from orchestrator.planning.evaluations import few_evaluations_in
 from orchestrator.tracking.uri import tracking_uri as store_uri
 from search_spaces.loading import load, parse
@@ -37,6 +37,7 @@ def sweep(
     local: bool = False,
     retry_failed: bool = False,
     reuse: Reuse = "all",
+    keep_states: float = KEEP_STATES,
     mlflow: bool = True,
     tracking_uri: str | None = None,
     progress: bool = True,
@@ -47,7 +48,8 @@ def sweep(
     arguments are the command's options: name and storage say where the results are; tasks, agents, seeds and
     hyperparameters narrow the space (seeds "auto": as many as a sequential test asks for); confirm runs what is
     selected again on so many unseen seeds; workers, address and local say where cells run; reuse says what is taken
-    from other sweeps of the storage. progress: whether to show it.
+    from other sweeps of the storage; keep_states says how many gigabytes the end states of a stage's cells may take,
+    from which more episodes continue. progress: whether to show it.
     Raises InputError for bad input, before any work; SweepError for one that stopped (finished cells are kept).
     """
     folder = storage_path(storage or default_storage())
@@ -59,7 +61,14 @@ def sweep(
         confirm=confirm,
         hyperparameters=dict(hyperparameters or {}),
     )
-    settings = Settings(workers=workers, address=address, local=local, retry_failed=retry_failed, reuse=reuse)
+    settings = Settings(
+        workers=workers,
+        address=address,
+        local=local,
+        retry_failed=retry_failed,
+        reuse=reuse,
+        keep_states=keep_states,
+    )
     uri = store_uri(folder, tracking_uri) if mlflow else None
     console = Console(stderr=True, quiet=not progress, highlight=False, markup=False)
     if said := few_evaluations_in(chosen):

@@ -220,6 +220,39 @@ def from_forecast_to_replay(small: SearchSpace, tmp_path: Path, monkeypatch: pyt
     return results
 
 
+def doubled(small: SearchSpace) -> SearchSpace:
+    """A space in miniature with twice as many episodes, but for its sources."""
+    data = small.to_json()
+    data["hyperparameters"]["episodes"] = {"values": [2 * MINIATURE["episodes"]]}
+    for scenario in data["scenarios"]:
+        scenario["source"]["hyperparameters"]["episodes"] = {"values": [MINIATURE["episodes"]]}
+    return parse(small.name, data)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_twice_as_many_episodes_continue_every_agent_of_every_space_to_the_bits_of_a_replay(
+    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.execution.forecast.measure", functools.partial(measure, seconds=0.01))
+    monkeypatch.setattr("orchestrator.execution.stage.LEAST_SECONDS", 0.0)
+    small = miniature(space)
+    results = Results.create(tmp_path, small.name, small)
+    run(results, LOCAL, Console(quiet=True))
+    before = results.plan()
+    ahead = forecast(doubled(small), LOCAL, results, workers=1)
+    results = Results.create(tmp_path, small.name, doubled(small))
+    summary = run(results, LOCAL, Console(quiet=True))
+    after = results.plan()
+    assert after["source"] == before["source"], "the sources stay"
+    apart = {cell.id for cell in before["transfer"]}
+    longer = {cell.agent: cell for cell in after["transfer"] if cell.id not in apart}
+    assert {cell.agent for cell in after["transfer"]} == set(longer)
+    custom = sum(agent_named(cell.agent).origin == "custom" for cell in after["transfer"])
+    assert (summary.ran, summary.failed) == (len(after["transfer"]), 0)
+    assert summary.continued == summary.ran - custom == sum(stage.longer.cells for stage in ahead.stages)
+    assert all(replay(tmp_path, cell.id).agrees for cell in longer.values())
+
+
 def by_groups(space: SearchSpace) -> SearchSpace:
     """The space with a sequential test over two groups of two seeds."""
     return parse(space.name, space.to_json() | {"seeds": {"auto": {"group": 2, "max": 4}}})

@@ -116,6 +116,19 @@ class Cell(BaseModel):
         shared = [self.agent, self.task, kinds[0] if kinds else None, self._written()]
         return content_id([*shared, kinds[1:]] if len(kinds) > 1 else shared)
 
+    @functools.cached_property
+    def lineage(self) -> str:
+        """The id that the cell shares with those that differ from it only in how many episodes they train."""
+        data = self.to_json()
+        del data["hyperparameters"]["episodes"]
+        return content_id(data)
+
+    def with_episodes(self, episodes: int) -> Cell:
+        """Return the cell that differs only in how many episodes it trains. Raises InputError for a wrong number."""
+        return Cell.create(
+            self.agent, self.task, self.seed, self.hyperparameters | {"episodes": episodes}, self.sources
+        )
+
     def _written(self) -> dict[str, float | int | str | bool]:
         """Return the hyperparameters without later additions at their earlier values, so that ids stay the same."""
         unwritten = agent_named(self.agent).hyperparameters.unwritten

@@ -120,6 +120,7 @@ def agent(
     kind: Literal["tabular", "deep"] = "tabular",
     shown: tuple[str, ...] = (),
     plots: tuple[Plot, ...] = (),
+    continues: bool = False,
 ) -> Agent:
     """Return an agent.
 
@@ -128,6 +129,8 @@ def agent(
     base: the agent without transfer that it is compared with, and that trains its source; None: it has no transfer.
     shown: hyperparameters that are part of its name in tables and figures, even at their defaults.
     plots: the statistics that the report draws over training (`trainables.agents.plots`).
+    continues: whether the learner has `state` and `restore`, and trains alike whatever `episodes` is, so that a cell of
+    more episodes may continue a shorter one.
     Raises InputError for a learner that lacks one of these methods.
     """
     lacking = [name for name in ("run", "evaluate", "knowledge") if not callable(getattr(learner, name, None))]
@@ -137,7 +140,15 @@ def agent(
         raise InputError(f"hyperparameters must be a class derived from Hyperparameters (got {hyperparameters!r})")
     hyperparameters.model_rebuild()  # raises here, not at first use, where its types are not pydantic's
     return Agent(
-        "custom", _first_line(learner), hyperparameters, base, learner, kind, shown=tuple(shown), plots=tuple(plots)
+        "custom",
+        _first_line(learner),
+        hyperparameters,
+        base,
+        learner,
+        kind,
+        shown=tuple(shown),
+        plots=tuple(plots),
+        continues=continues,
     )
 
 

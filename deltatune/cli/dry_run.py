@@ -34,6 +34,8 @@ def print_forecast(space: SearchSpace, settings: Settings, folder: Path, as_json
     for stage in found.stages:
         if stage.taken:
             out.print(f"{stage.stage}: {origins(stage.taken)}", soft_wrap=True)
+        for sentence in stage.longer.sentences():
+            out.print(f"{stage.stage}: {sentence}", soft_wrap=True)
     if found.costs:
         costs = [(short(c.task), short(c.agent), span(c.low, c.high), c.origin) for c in found.costs]
         out.print(table(("task", "agent", "an episode", "estimated from"), costs))

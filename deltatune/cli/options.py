@@ -107,6 +107,18 @@ Local = Annotated[
 ]
 CheckpointEvery = Annotated[float, _number(HOW, "SECONDS", 0, MAX_SECONDS, "Time between checkpoints of a long cell.")]
 
+KeepStates = Annotated[
+    float,
+    _number(
+        HOW,
+        "GB",
+        0,
+        MAX_GIB,
+        "Keep the end states of cells, from which more episodes continue, in at most so much of the disk per stage; "
+        "0: none.",
+    ),
+]
+
 # --- what a cell gets
 TimeLimit = Annotated[float | None, _number(CELL, "SECONDS", 0.1, MAX_SECONDS, "Time after which a cell fails.")]
 Cpus = Annotated[float, _number(CELL, "N", 0.01, MAX_CPUS, "CPUs of a cell; a fraction shares one.")]

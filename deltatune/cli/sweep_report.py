@@ -95,6 +95,7 @@ def _print_report(
     total = tally.seconds + after
     share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
     stopped = f", {tally.stopped} stopped early" if tally.stopped else ""
+    stopped += f", {tally.continued} continued from shorter ones" if tally.continued else ""
     taken = f" ({origins(tally.taken)})" if tally.taken else ""
     out.print(
         f"{tally.ran} cells run ({tally.failed} failed{stopped}), {tally.reused} reused{taken}; {total:.0f} s, "

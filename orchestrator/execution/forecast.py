@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from orchestrator.execution.ledger import Ledger
+from orchestrator.execution.longer import Longer
 from orchestrator.execution.sequential import needed, needed_at_most, test
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.sources.source_choice import choose
@@ -80,6 +81,8 @@ class Stage:
     """Cells at most; more than `cells` where a sequential test may go on."""
     taken: Mapping[str, int] = field(default_factory=dict)
     """How many of the done ones are copied, by the sweep that has trained them; sources: by 'the source library'."""
+    longer: Longer = field(default_factory=Longer)
+    """What cells save that continue shorter ones."""
 
 
 @dataclass(frozen=True)
@@ -169,13 +172,14 @@ def _stage(stage: str, arms: Sequence[Arm], space: SearchSpace, ledger: Ledger, 
     cells = list({cell.id: cell for arm in sound for cell in arm.all_cells()}.values())
     taken = ledger.take_over(stage, cells, keep)
     missing = [cell for cell in cells if not ledger.ended(cell, keep)]
+    longer, _, before = ledger.shorter().of(missing)
     count, done = len(cells), len(cells) - len(missing)
     for arm in (arm for arm in sound if arm.ranges):
         asked, found = space.search.budget * arm.width, len(ledger.searched(arm))
         count, done = count + asked, done + min(found, asked)
         missing += arm.cells(arm.first())[:1] * max(asked - found, 0)
-    low, high = costs.of(missing)
-    return Stage(stage, count, done, low, high, count, taken)
+    low, high = costs.of(missing, before)
+    return Stage(stage, count, done, low, high, count, taken, longer)
 
 
 def _by_groups(arms: Sequence[Arm], space: SearchSpace, results: Results, ledger: Ledger, costs: _Costs) -> Stage:
@@ -186,8 +190,9 @@ def _by_groups(arms: Sequence[Arm], space: SearchSpace, results: Results, ledger
     most = {cell.id: cell for cell in needed_at_most(space, sound, tested)} | least
     taken = ledger.take_over(TRANSFER, least.values(), keep=False)
     missing = [[cell for cell in cells.values() if not ledger.ended(cell)] for cells in (least, most)]
-    low, high = costs.of(missing[0])[0], costs.of(missing[1])[1]
-    return Stage(TRANSFER, len(least), len(least) - len(missing[0]), low, high, len(most), taken)
+    longer, _, before = ledger.shorter().of(missing[0])
+    low, high = costs.of(missing[0], before)[0], costs.of(missing[1], before)[1]
+    return Stage(TRANSFER, len(least), len(least) - len(missing[0]), low, high, len(most), taken, longer)
 
 
 def _choice(ledger: Ledger, arm: Arm, keep: bool) -> SourceChoice:
@@ -207,12 +212,12 @@ class _Costs:
         self.known: dict[Key, Cost] = {}
         self.unknown: list[str] = []
 
-    def of(self, cells: Iterable[Cell]) -> tuple[float, float]:
-        """Return the seconds (low, high) of all `cells` on one worker."""
+    def of(self, cells: Iterable[Cell], before: Mapping[str, int]) -> tuple[float, float]:
+        """Return the seconds (low, high) of all `cells` on one worker. before: episodes trained already, by cell id."""
         low = high = 0.0
         for cell in cells:
             cost = self._cost(cell)
-            episodes = float(cell.hyperparameters["episodes"])
+            episodes = float(cell.hyperparameters["episodes"]) - before.get(cell.id, 0)
             low, high = low + episodes * cost.low, high + episodes * cost.high
         return low, high
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from orchestrator import clock
+from orchestrator.execution.longer import Places, Shorter
 from orchestrator.execution.settings import LIBRARY, Reuse
 from orchestrator.planning.arms import Arm, labels_of
 from orchestrator.planning.source_choice import SourceRun
@@ -23,6 +24,7 @@ from trainables.cell import Cell
 from trainables.curve import auc
 from trainables.knowledge import Knowledge
 from trainables.storage import disk
+from trainables.training.end_states import FOLDER
 from trainables.training.messages import Outcome
 
 if TYPE_CHECKING:
@@ -44,7 +46,7 @@ class Ledger:
     ) -> None:
         """space: default that in the folder of `results`. reads_only: write nothing. reuse: what `take_over` takes."""
         self.library = SourceLibrary(results.storage)
-        self.checkpoints = results.folder / "checkpoints"
+        self.checkpoints, self.states = results.folder / "checkpoints", results.folder / FOLDER
         self._results = results
         self._retry_failed = retry_failed
         self._reads_only, self._reuse = reads_only, reuse
@@ -183,6 +185,15 @@ class Ledger:
             self._new.add(record.cell.id)
             self._plan[stage][record.cell.id] = record.cell
         return records
+
+    def shorter(self) -> Shorter:
+        """Return the cells that have ended, with their end states, for longer ones to continue."""
+        return Shorter(self._heads, self.states, self._others)
+
+    def drop_outgrown(self, stage: str, known: Places) -> None:
+        """Remove the end states that a stage has continued, where those of the longer cells are there."""
+        for path in self.shorter().outgrown(self.planned(stage), known):
+            disk.remove(path)
 
     def searched(self, arm: Arm) -> list[Cell]:
         """Return the cells that a search of this arm has suggested in earlier runs."""

@@ -21,6 +21,10 @@ LIBRARY = "the source library"
 """Where sources that another sweep has trained come from; other cells come from the sweep of a name."""
 
 
+KEEP_STATES = 4.0
+"""Default of `Settings.keep_states`."""
+
+
 def origins(taken: Mapping[str, int]) -> str:
     """Return where copied cells come from, as text: '2 taken from the source library, 28 from the sweep try'."""
     places = [f"{n:,} from {where if where == LIBRARY else f'the sweep {where}'}" for where, n in taken.items()]
@@ -41,6 +45,8 @@ class Settings:
     reuse: Reuse = "sources"
     checkpoint_seconds: float = 5.0
     """Seconds between the checkpoints of a long cell."""
+    keep_states: float = KEEP_STATES
+    """Gigabytes of end states of finished cells that a stage keeps, from which longer cells continue."""
     time_limit: float | None = None
     """Seconds after which a cell fails; None: no limit."""
     resources: Resources = field(default_factory=Resources)
@@ -61,8 +67,10 @@ class RunSummary:
     """Cells that had ended in earlier runs, or elsewhere."""
     taken: dict[str, int] = field(default_factory=dict)
     """How many of these were copied, by the sweep that has trained them; sources: by 'the source library'."""
+    continued: int = 0
+    """Cells that went on from the end state of a shorter one."""
     training_seconds: float = 0.0
-    """Summed over the cells that ran."""
+    """Summed over the cells that ran; what they continue is not counted."""
     seconds: float = 0.0
     workers: int = 0
     left: int = 0
@@ -73,9 +81,10 @@ class RunSummary:
         for where, count in taken.items():
             self.taken[where] = self.taken.get(where, 0) + count
 
-    def ended(self, record: Record) -> None:
-        """Count an ended cell."""
+    def ended(self, record: Record, continued: bool = False, earlier_seconds: float = 0.0) -> None:
+        """Count an ended cell, whose seconds are earlier ones in part where it was resumed or continues another."""
         self.ran += 1
+        self.continued += continued
         self.failed += record.status == "failed"
         self.stopped += record.status == "stopped"
-        self.training_seconds += record.seconds
+        self.training_seconds += record.seconds - earlier_seconds

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from orchestrator.execution.executors.early_stopping import EarlyStopping
 from orchestrator.execution.executors.executor import Executor, StageRun, Workplace, executor
 from orchestrator.execution.executors.monitor import OutcomeSink, StageMonitor
 from orchestrator.execution.ledger import Ledger
+from orchestrator.execution.longer import LEAST_SECONDS, LEAST_SECONDS_REMOTE, Places
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings, origins
 from orchestrator.execution.work_queue import CellStatus, Pack, WorkQueue
 from orchestrator.planning.arms import Arm
@@ -24,6 +26,8 @@ from orchestrator.results.sweep_folder import Results
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.plugins import loader
+from trainables.storage.paths import is_local
+from trainables.training.end_states import EndStates
 from trainables.training.messages import WorkerPayload, lost
 from trainables.training.source_knowledge import source_knowledge
 
@@ -31,6 +35,8 @@ if TYPE_CHECKING:
     from orchestrator.planning.search import Tuned
 
 Arrays = dict[str, Any]
+
+log = logging.getLogger("deltatune.sweep")
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,8 @@ class Stages:
             if not total:
                 continue
             workplace = self._open()[1]
-            payload = self._payload(work, workplace)
+            known = self._longer(work) if workplace.checkpoints else {}
+            payload = self._payload(work, workplace, self._end_states(total, work, known))
             with Display(self._console, work.stage, total, self._results.folder, work.further, self._said) as display:
                 self._sink = OutcomeSink(work.stage, ledger, self._summary, display, self._on_record)
                 queue, stopping = self._queue(work, searches, workplace), self._stopping(work)
@@ -110,8 +117,26 @@ class Stages:
             ledger.plan(work.stage, ledger.planned(work.stage))
             if any(not ledger.ended(cell, work.keep) for cell in ledger.planned(work.stage)):
                 raise InterruptedSweepError
+            ledger.drop_outgrown(work.stage, known)
 
-    def _payload(self, work: Work, workplace: Workplace) -> WorkerPayload:
+    def _longer(self, work: Work) -> Places:
+        """Say what cells that are longer than ended ones save, and return the end states that they may continue."""
+        shorter = self._ledger.shorter()
+        found = shorter.of(work.missing)
+        for sentence in found.longer.sentences():
+            self._console.print(f"{work.stage}: {sentence}", soft_wrap=True)
+            log.info("%s: %s", work.stage, sentence)
+        searched = {(arm.agent, arm.task) for arm in work.arms if arm.ranges}
+        return {**(shorter.of_kinds(searched) if searched else {}), **found.known}
+
+    def _end_states(self, total: int, work: Work, known: Places) -> EndStates:
+        """Return where end states are kept: all cells of the stage share what they may take."""
+        cells = total - len(work.missing) + len(self._ledger.planned(work.stage))
+        least = LEAST_SECONDS if is_local(self._ledger.states) else LEAST_SECONDS_REMOTE
+        most = int(self._settings.keep_states * 1e9 / cells)
+        return EndStates(str(self._ledger.states), most, least, known)
+
+    def _payload(self, work: Work, workplace: Workplace, ends: EndStates) -> WorkerPayload:
         """Return what every worker of a stage needs."""
         first = [cell for arm in work.arms if arm.ranges for cell in arm.cells(arm.first())]
         return WorkerPayload(
@@ -120,6 +145,7 @@ class Stages:
             str(workplace.checkpoints) if workplace.checkpoints else None,
             self._settings.checkpoint_seconds,
             loader.packed(),
+            ends if workplace.checkpoints else None,
         )
 
     def _search(self, arm: Arm) -> Tuned:

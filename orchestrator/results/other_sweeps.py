@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from orchestrator.results.provenance import versions
@@ -44,7 +44,7 @@ class OtherSweeps:
         found: tuple[str, Record] | None = None
         for name, line in _lines(places):
             record = _readable(name, line)
-            if record is not None and record.status == "done" and _same_versions(record):
+            if record is not None and record.status == "done" and same_versions(record.versions):
                 found = max(found or (name, record), (name, record), key=lambda each: each[1].finished)
         return found
 
@@ -98,6 +98,7 @@ def _readable(name: str, line: Line) -> Record | None:
         return None
 
 
-def _same_versions(record: Record) -> bool:
+def same_versions(before: Mapping[str, str]) -> bool:
+    """Return whether the packages that decide a cell's bits have the versions of a record."""
     now = versions()
-    return all(record.versions.get(name, now.get(name)) == now.get(name) for name in DECISIVE)
+    return all(before.get(name, now.get(name)) == now.get(name) for name in DECISIVE)

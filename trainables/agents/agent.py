@@ -47,6 +47,14 @@ class Agent:
     """Hyperparameters that take no default from the task (`TaskFamily.defaults`): the paper's thresholds are on the
     scale of Algorithm 1."""
 
+    continues: bool = True
+    """Whether its training knows nothing of how many episodes are to come, unless its hyperparameters say otherwise
+    (`Hyperparameters.fixed_length`): a cell of more episodes then continues a shorter one."""
+
+    def anew(self, settings: Hyperparameters) -> str:
+        """Return why a cell of more episodes cannot continue a shorter one, as a clause; empty where it can."""
+        return settings.fixed_length if self.continues else "the custom agent does not declare continues=True"
+
     @property
     def extra(self) -> str:
         """The extra of the package that its learner needs; empty: none."""

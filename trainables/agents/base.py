@@ -32,3 +32,11 @@ class Hyperparameters(BaseModel):
     """Episodes between greedy evaluations. There is one before training, and one after the last episode."""
     gamma: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.99
     """Discount factor (Table 4)."""
+
+    @property
+    def fixed_length(self) -> str:
+        """Why training depends on `episodes` from its first step on, as a clause; empty where it does not.
+
+        Where it does, a cell of more episodes starts anew, and does not continue a shorter one.
+        """
+        return ""

@@ -7,6 +7,7 @@ import io
 import json
 import logging
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from trainables.storage.paths import is_local
 log = logging.getLogger("deltatune.training")
 
 MAGIC = b"deltatune checkpoint 1\n"
+COMPRESSED = b"deltatune checkpoint 1 zlib\n"
+"""How files begin, those that `packed` has made the second."""
 
 
 class CheckpointError(InfrastructureError):
@@ -28,26 +31,47 @@ class CheckpointError(InfrastructureError):
 
 def save(path: Path, state: Mapping[str, Any]) -> None:
     """Write `state` (nested mappings of arrays, numbers, texts, None and lists of them) to `path` atomically."""
+    payload = _payload(state)
+    write(path, MAGIC + hashlib.sha256(payload).digest() + payload)
+
+
+def packed(state: Mapping[str, Any]) -> bytes:
+    """Return what `save` would write, compressed: a hundredth for large tables, two thirds for networks."""
+    payload = zlib.compress(_payload(state), 1)
+    return COMPRESSED + hashlib.sha256(payload).digest() + payload
+
+
+def write(path: Path, data: bytes, durable: bool = True) -> None:
+    """Write a file atomically (see `write_atomic`), and its folder where it is missing."""
+    if is_local(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, data, durable)
+
+
+def _payload(state: Mapping[str, Any]) -> bytes:
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     tree = json.dumps(_split(state, arrays), allow_nan=True)
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **{f"a{number}": array for number, array in enumerate(arrays.values())})
     text = tree.encode()
-    payload = len(text).to_bytes(8, "big") + text + buffer.getvalue()
-    if is_local(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, MAGIC + hashlib.sha256(payload).digest() + payload)
+    return len(text).to_bytes(8, "big") + text + buffer.getvalue()
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Return the state that `save` wrote. Raises CheckpointError for an invalid file, FileNotFoundError for none."""
+    """Return the state that `save` or `packed` wrote.
+
+    Raises CheckpointError for an invalid file, FileNotFoundError for none.
+    """
     data = path.read_bytes()
-    start = len(MAGIC) + 32
-    payload = data[start:]
-    if not data.startswith(MAGIC):
+    magic = next((magic for magic in (MAGIC, COMPRESSED) if data.startswith(magic)), None)
+    if magic is None:
         raise CheckpointError(f"{path} is not a checkpoint of this version")
-    if hashlib.sha256(payload).digest() != data[len(MAGIC) : start]:
+    start = len(magic) + 32
+    payload = data[start:]
+    if hashlib.sha256(payload).digest() != data[len(magic) : start]:
         raise CheckpointError(f"{path} is damaged or was not written to its end")
+    if magic == COMPRESSED:
+        payload = zlib.decompress(payload)
     length = 8 + int.from_bytes(payload[:8], "big")
     tree = json.loads(payload[8:length])
     with np.load(io.BytesIO(payload[length:]), allow_pickle=False) as archive:

@@ -15,6 +15,7 @@ from trainables.curve import EvalPoint
 from trainables.knowledge import Knowledge
 from trainables.plugins.loader import describe_error
 from trainables.storage import checkpoint
+from trainables.training.end_states import EndStates
 from trainables.training.messages import Outcome
 from trainables.training.train import Training, train
 
@@ -30,7 +31,7 @@ class CellRun:
 
     keep: whether the outcome includes the knowledge. checkpoints: a folder for the cell's state, from which a later run
     continues bit for bit; None: no checkpoints. checkpoint_seconds: time between two of them. saved: the ids of cells
-    with a checkpoint; None: unknown.
+    with a checkpoint; None: unknown. ends: end states of cells, from which longer ones continue; None: none.
     """
 
     def __init__(
@@ -42,9 +43,11 @@ class CellRun:
         checkpoints: Path | None = None,
         checkpoint_seconds: float = 5.0,
         saved: Container[str] | None = None,
+        ends: EndStates | None = None,
     ) -> None:
         self.cell, self.error = cell, ""
         self.ended = False
+        self._ends, self._continued = ends, 0
         self._keep, self._every = keep, checkpoint_seconds
         self._before: dict[str, Any] = curve.columns([])
         self._points: list[EvalPoint] = []
@@ -57,9 +60,9 @@ class CellRun:
             self._training = train(cell, knowledge)
             if checkpoints is not None and self._training.resumable:
                 self._path = checkpoints / f"{cell.id}.checkpoint"
-                if (saved is None or cell.id in saved) and not self._resume(self._path):
-                    self._training.close()
-                    self._training = train(cell, knowledge)  # the old one may be partly restored
+                resumed = (saved is None or cell.id in saved) and self._resume(self._path, knowledge)
+                if not resumed and ends is not None:
+                    self._continue(ends, knowledge)
 
     @property
     def evaluations(self) -> int:
@@ -75,6 +78,7 @@ class CellRun:
             point = next(self._training, None)
             if point is None:
                 self.ended = True
+                self._keep_end()
                 return None
             self._points.append(point)
             if time.perf_counter() - self._saved >= self._every:
@@ -86,7 +90,7 @@ class CellRun:
         if self._path is None or self._training is None or not self._points:
             return
         try:
-            checkpoint.save(self._path, {"training": self._training.state(), "points": self.points()})
+            checkpoint.save(self._path, self._state())
         except Exception as error:
             if not self._unsaved:
                 log.warning("no checkpoint of %s: %s", _named(self.cell), describe_error(error))
@@ -112,9 +116,14 @@ class CellRun:
         if self._keep and not self.error and self._training is not None:
             with self._caught():
                 knowledge = self._training.knowledge().to_bytes()
-        table = self.points()
+        table, earlier = self.points(), self._before["seconds"]
         seconds = time.perf_counter() - self._started if self.error else table["seconds"][-1]
-        return replace(Outcome.of(self.cell, self.error, table, seconds), knowledge=knowledge)
+        return replace(
+            Outcome.of(self.cell, self.error, table, seconds),
+            knowledge=knowledge,
+            continued=self._continued,
+            earlier_seconds=earlier[-1] if earlier and not self.error else 0.0,
+        )
 
     def close(self) -> None:
         """Close the learner; an error is only logged, since the cell has ended."""
@@ -124,17 +133,44 @@ class CellRun:
             except Exception as error:
                 log.warning("%s could not be closed: %s", _named(self.cell), describe_error(error))
 
-    def _resume(self, path: Path) -> bool:
-        """Continue from the last checkpoint; return False where it is unusable and the cell has to start again."""
+    def _state(self) -> dict[str, Any]:
+        assert self._training is not None
+        return {"training": self._training.state(), "points": self.points()}
+
+    def _keep_end(self) -> None:
+        """Keep the end state. Best effort, as `save`."""
+        if self._ends is None or self._path is None:
+            return
+        try:
+            seconds = self._points[-1].seconds if self._points else self._before["seconds"][-1]
+            self._ends.keep(self.cell, seconds, self._state)
+        except Exception as error:
+            log.warning("no end state of %s: %s", _named(self.cell), describe_error(error))
+
+    def _continue(self, ends: EndStates, knowledge: Knowledge | None) -> None:
+        """Continue the longest shorter cell of which there is an end state, if there is one."""
+        path = ends.shorter(self.cell)
+        if path is None:
+            return
+        if self._resume(path, knowledge):
+            self._continued = int(self._before["episode"][-1])
+        else:
+            log.warning("%s starts anew: the end state %s is missing or unusable", _named(self.cell), path)
+
+    def _resume(self, path: Path, knowledge: Knowledge | None) -> bool:
+        """Continue from a saved state; return False where there is none, or it is unusable: the cell starts again."""
         assert self._training is not None
         try:
             state = checkpoint.load_if_whole(path)
-            if state is not None:
-                before = curve.checked(state["points"])
-                self._training.restore(state["training"])
-                self._before = before
+            if state is None:
+                return False
+            before = curve.checked(state["points"])
+            self._training.restore(state["training"])
+            self._before = before
         except Exception as error:
             log.warning("%s starts again, its checkpoint is unusable: %s", _named(self.cell), describe_error(error))
+            self._training.close()
+            self._training = train(self.cell, knowledge)  # the old one may be partly restored
             return False
         return True
 
@@ -167,6 +203,7 @@ def run_cell(
     checkpoints: Path | None = None,
     checkpoint_seconds: float = 5.0,
     saved: Container[str] | None = None,
+    ends: EndStates | None = None,
     on_point: OnPoint = lambda point: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Outcome | None:
@@ -174,7 +211,15 @@ def run_cell(
 
     stop: called after each evaluation; if it returns True, the cell is checkpointed, and the result is None.
     """
-    run = CellRun(cell, source, keep=keep, checkpoints=checkpoints, checkpoint_seconds=checkpoint_seconds, saved=saved)
+    run = CellRun(
+        cell,
+        source,
+        keep=keep,
+        checkpoints=checkpoints,
+        checkpoint_seconds=checkpoint_seconds,
+        saved=saved,
+        ends=ends,
+    )
     try:
         while (point := run.step()) is not None:
             on_point(point)

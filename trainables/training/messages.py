@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from trainables import curve
 from trainables.cell import Cell
+from trainables.training.end_states import EndStates
 
 STOP = "STOP"
 """The file in the folder of checkpoints with which the driver asks its workers to stop."""
@@ -32,6 +33,10 @@ class Outcome:
     """Wall time of the cell."""
     knowledge: bytes | None = None
     """What was learned, if it was to be kept."""
+    continued: int = 0
+    """The episode at which it went on from the end state of a shorter cell; 0: it did not."""
+    earlier_seconds: float = 0.0
+    """How many of its seconds are from before this run, by a checkpoint or an end state."""
 
     @classmethod
     def of(cls, cell: Cell, error: str, points: Any, seconds: float) -> Outcome:
@@ -63,6 +68,8 @@ class WorkerPayload:
     """Time between two checkpoints of a cell."""
     plugins: Mapping[str, bytes]
     """The custom files that the driver has loaded (`plugins.loader.packed`)."""
+    ends: EndStates | None = None
+    """The end states to keep and to continue; None: none."""
 
 
 @dataclass(frozen=True)

@@ -62,13 +62,22 @@ class Training(Iterator[EvalPoint]):
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state` returned. Raises InputError for another cell's state."""
+        """Continue from what `state` returned, of this cell, or of one that differs only in having fewer episodes.
+
+        Raises InputError for another cell's state.
+        """
         assert isinstance(self._learner, Resumable)
-        if state["cell"] != self.cell.id:
+        if state["cell"] != self.cell.id and not self._continues(state):
             raise InputError(f"the checkpoint is of cell {state['cell']}, not of {self.cell.id}")
         self._episodes = state["episodes"]
         self._started = time.perf_counter() - state["seconds"]
         self._learner.restore(state["learner"])
+
+    def _continues(self, state: Mapping[str, Any]) -> bool:
+        """Return whether a state is the end of a cell that differs only in having fewer episodes."""
+        episodes = int(state["episodes"])
+        shorter = 0 < episodes < self.cell.settings.episodes
+        return shorter and state["cell"] == self.cell.with_episodes(episodes).id
 
     def close(self) -> None:
         """Call the learner's `close` if it has one, which closes its environments."""

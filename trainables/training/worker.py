@@ -59,6 +59,7 @@ def run_pack(cells: Sequence[Cell], together: bool, payload: WorkerPayload, tell
         "checkpoints": folder,
         "checkpoint_seconds": payload.checkpoint_seconds,
         "saved": _saved(folder),
+        "ends": payload.ends,
     }
 
     def source(cell: Cell) -> Knowledge | None:

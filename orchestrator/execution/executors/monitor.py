@@ -48,8 +48,10 @@ class OutcomeSink:
         except OSError as error:
             self.failure = error
             raise
+        by_cell = {outcome.cell.id: outcome for outcome in outcomes}
         for record in records:
-            self.summary.ended(record)
+            outcome = by_cell[record.cell.id]
+            self.summary.ended(record, outcome.continued > 0, outcome.earlier_seconds)
             self.display.ended(record)
             self.on_record(self.stage, record)
 

@@ -24,19 +24,27 @@ Threshold = Annotated[float | Literal["auto"], BeforeValidator(_threshold)]
 """auto: the noise floor of the source, which is its delta on its own task (`delta.noise_floor`)."""
 
 
-class DeltaGate(Transfer):
-    """Algorithm 1."""
+class Gated(Transfer):
+    """What both gates share."""
 
     reuse = "gate"
+
+    @property
+    def fixed_length(self) -> str:
+        """Return why a gate whose threshold is measured depends on the number of episodes."""
+        auto = getattr(self, "threshold", None) == "auto"
+        return "threshold: auto is measured over as many episodes as the cell has" if auto else ""
+
+
+class DeltaGate(Gated):
+    """Algorithm 1."""
 
     threshold: Threshold = 10.0
     """Delta: the gate is open iff no |delta(s,a)| exceeds it (Table 5); auto: the source's noise floor."""
 
 
-class ConfidenceGate(Transfer):
+class ConfidenceGate(Gated):
     """Algorithm 1 with a gate that requires |delta| to be significantly large; beyond the paper."""
-
-    reuse = "gate"
 
     threshold: Threshold = 1.0
     """Delta: the gate closes iff some |mean| - z se exceeds it; auto: the source's noise floor."""
