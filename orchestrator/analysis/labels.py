@@ -56,10 +56,10 @@ def group_name(group: Group) -> str:
 def configuration_name(
     task: str, agent: str, source: str, hyperparameters: Mapping[str, Any], tuned: Collection[str] = ()
 ) -> str:
-    """Return the same from its parts; what distinguishes the task comes first, since columns are narrow."""
+    """Return the same from its parts, the agent first, since columns are narrow and the task has its own."""
     part = task.partition(":")[2] if ".py" not in task else ""
     text = settings_text(varied(agent, task, hyperparameters, tuned)).replace("=", " ")
-    parts = [run_name(part or task), run_name(agent), run_name(source) if source != "none" else "", text]
+    parts = [run_name(agent), run_name(part or task), run_name(source) if source != "none" else "", text]
     return " / ".join(part for part in parts if part and part != "-")
 
 

@@ -28,9 +28,9 @@ def sync(findings: Findings, uri: str, artifacts: Iterable[Path], backend: Track
             if head is not None:
                 backend.write_cell(stage, head, partial(results.log.record, cell.id))
         backend.finish(findings, artifacts)
-    except BaseException:
+    except BaseException as stopped:
         try:
-            backend.end("FAILED")
+            backend.end("FAILED" if isinstance(stopped, Exception) else "KILLED")
         except Exception as error:  # an unreachable store
             log.info("the sweep's status is not written to %s: %s", shown(uri), error)
         raise

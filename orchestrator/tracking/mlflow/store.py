@@ -71,9 +71,21 @@ def make(path: Path) -> None:
             database.execute("PRAGMA journal_mode=WAL")  # twice the rate of small writes, and readers never block
         with new.open("rb") as whole:
             disk.sync(whole)
-        if path.exists() and path.stat().st_size:  # another process was faster
+        _put(new, path)
+
+
+def _put(new: Path, path: Path) -> None:
+    """Move a new database to its place, unless another process was faster, whose runs would be lost."""
+    try:
+        path.hardlink_to(new)  # fails where a file is, unlike a renaming
+        return
+    except FileExistsError:
+        if path.stat().st_size:
             return
-        new.replace(path)
+    except OSError:  # a file system without links
+        if path.exists() and path.stat().st_size:
+            return
+    new.replace(path)
 
 
 def _remove_abandoned(folder: Path) -> None:

@@ -31,8 +31,13 @@ _PIXELS = {
     "confirmed verdict": 130,
 }
 
+PINNED = {"attributes.`Run Name`": 132, "runDateAndNestInfo": 44}
+"""The columns that every table begins with, and their widths: a run's name, and its status without its date."""
+
 WIDTHS = {f"tags.`{name}`": width for name, width in (_PIXELS | {"agent": 130}).items()}
-"""Widths of columns in pixels; a window of 1000 shows the first three of the leaderboard next to the names."""
+WIDTHS |= {"metrics.`auc`": 95} | PINNED
+"""Widths of columns in pixels, so that a window of 1000 shows AUC and transfer ratio beside MLflow's assistant, which
+is open when a browser comes for the first time."""
 
 
 CURVES = ("greedy_return_mean", "greedy_return_low", "greedy_return_high")
@@ -87,12 +92,15 @@ class View:
     ascending: bool
     tags: tuple[str, ...]
     metrics: tuple[str, ...]
+    lead: tuple[str, ...] = ()
+    """Metrics that come before the tags."""
     charts: tuple[Chart, ...] = ()
     """The first charts of the page's chart view."""
 
     def tag(self) -> tuple[str, str]:
         """Return (key, value) of the experiment's tag."""
-        columns = [f"tags.`{name}`" for name in self.tags] + [f"metrics.`{name}`" for name in self.metrics]
+        columns = [f"metrics.`{name}`" for name in self.lead] + [f"tags.`{name}`" for name in self.tags]
+        columns += [f"metrics.`{name}`" for name in self.metrics]
         state: dict[str, object] = {
             "searchFilter": self.condition,
             "orderByKey": self.order,
@@ -100,7 +108,7 @@ class View:
             "startTime": "ALL",
             "lifecycleFilter": "Active",
             "selectedColumns": columns,
-            "columnOrder": columns,
+            "columnOrder": [*PINNED, *columns],
             "columnWidths": WIDTHS,
         }
         if self.charts:
@@ -123,7 +131,7 @@ LEADERBOARD = View(
     True,
     ("AUC", "transfer_ratio", "verdict", "task", "source", "difference", "holds", *CONFIRMED, "place"),
     (),
-    (Chart("Evaluation curve with its 95 % interval", CURVES),),
+    charts=(Chart("Evaluation curve with its 95 % interval", CURVES),),
 )
 """Grouped by task, the best AUC first, with the numbers as rounded text; as charts, the evaluation curves."""
 
@@ -154,6 +162,7 @@ VIEWS = (
         "metrics.`auc`",
         False,
         ("task", "agent", "source", "seed", "status"),
-        ("auc", "final_return", "max_abs_delta", "seconds"),
+        ("final_return", "max_abs_delta", "seconds"),
+        lead=("auc",),
     ),
 )

@@ -6,6 +6,7 @@ import contextlib
 import sqlite3
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 import sqlalchemy
@@ -56,6 +57,26 @@ def test_a_database_is_made_once_and_opens(tmp_path: Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
         assert database.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     assert not list(path.parent.glob(f"{PREFIX}*"))
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_of_two_that_make_the_database_at_once_the_first_keeps_its_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
+) -> None:
+    path, written = tmp_path / "mlflow.db", []
+
+    def faster(file: object) -> None:  # while the second has made its tables, the first puts its own there and writes
+        monkeypatch.undo()
+        if not links:
+            monkeypatch.setattr(Path, "hardlink_to", mock.Mock(side_effect=PermissionError))
+        client = connect(f"sqlite:///{path}")
+        written.append((client, client.create_run("0").info.run_id))
+
+    monkeypatch.setattr(store.disk, "sync", faster)
+    make(path)
+    ((client, run),) = written
+    assert client.get_run(run).info.status == "RUNNING"
+    assert connect(f"sqlite:///{path}").get_run(run).info.run_id == run
 
 
 def test_no_connection_is_left_open_to_a_new_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -117,6 +117,17 @@ def test_a_store_that_fails_at_the_end_is_not_left_running(done: Results, store:
     assert store.status == "FAILED"
 
 
+def test_a_sync_stopped_by_ctrl_c_has_not_failed(done: Results, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(self: Results) -> None:
+        raise KeyboardInterrupt
+
+    found = find(done)
+    monkeypatch.setattr(Results, "planned_heads", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        sync_now(found, "sqlite:///x", [])
+    assert store.status == "KILLED"
+
+
 def test_who_was_frozen_until_another_took_over_writes_nothing_more(
     done: Results, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
