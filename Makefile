@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PACKAGES := trainables search_spaces orchestrator dashboards deltatune
-PROCESSES ?= 2
+PROCESSES ?= 3
 GROUPED := -n $(PROCESSES) --dist loadgroup --no-loadscope-reorder
 
 .PHONY: setup demo docs test test-fast test-slow lint check bench clean

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+import gc
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
@@ -17,6 +17,7 @@ from filelock import FileLock
 
 from orchestrator.execution.settings import Settings
 from orchestrator.process_env import prepare
+from tests.small_figures import small_figures
 
 prepare()
 hypothesis.settings.register_profile("deltatune", deadline=None)  # a busy machine is no failure
@@ -136,6 +137,13 @@ def _name_group(item: pytest.Item, group: str) -> None:
     item._id = NodeId.parse(f"{item.nodeid}@{group}")
 
 
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what was imported, and come less often."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that use this session's Ray and those that take long; group all, and put the long groups first."""
     places = {}
@@ -198,27 +206,6 @@ def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def calm_deep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As `finished`, of DEEP."""
     return made_once(tmp_path_factory, "calm-deep", lambda folder: _sweep(folder, 6, **DEEP))
-
-
-@contextlib.contextmanager
-def small_figures() -> Iterator[None]:
-    """Draw figures small and without a layout of their texts, which takes most of the time that a report takes."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    from dashboards.renderers import matplotlib_renderer
-
-    def save(sheet: Any, folder: Path, name: str) -> list[Path]:
-        folder.mkdir(exist_ok=True)
-        paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-        sheet.set_layout_engine("none")
-        sheet.dpi = 10
-        FigureCanvasAgg(sheet).print_png(paths[0])
-        paths[1].write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
-        return paths
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(matplotlib_renderer, "_save", save)
-        yield
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 import pytest
 import yaml
-from conftest import LOCAL, small_figures
+from conftest import LOCAL
 from rich.console import Console
 
 from deltatune.publish import publish
@@ -35,6 +35,7 @@ from orchestrator.tracking.uri import tracking_uri
 from search_spaces.loading import built_in, load, parse
 from search_spaces.narrow import narrow
 from search_spaces.search_space import SearchSpace
+from tests.small_figures import small_figures
 from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.errors import InputError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -86,24 +87,34 @@ class Parts:
     winners: Sequence[Group]
 
 
-def render(path: Path, findings: Findings, parts: Parts) -> None:
-    """Write the page to `path`."""
+@functools.cache
+def _environment() -> Environment:
+    """Return what compiles the template, once for all reports of this process."""
     environment = Environment(
         loader=FileSystemLoader(PAGE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
     )
     environment.filters |= {"breakable": breakable, "heading": heading}
-    page = environment.get_template("report.html").render(
-        name=findings.results.name,
-        description=findings.results.space().description,
-        parts=parts,
-        export=export_command(findings),
-        winners=[(group, command(findings, group)) for group in parts.winners],
-        data={"specs": parts.specs, "files": _files(findings, parts.content)},
-        swatch=swatch,
-        light=palette("light"),
-        dark=palette("dark"),
-        style=Markup((PAGE / "report.css").read_text(encoding="utf-8")),
-        script=Markup((PAGE / "report.js").read_text(encoding="utf-8")),
-        plotly=Markup((resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")),
+    return environment
+
+
+def render(path: Path, findings: Findings, parts: Parts) -> None:
+    """Write the page to `path`."""
+    page = (
+        _environment()
+        .get_template("report.html")
+        .render(
+            name=findings.results.name,
+            description=findings.results.space().description,
+            parts=parts,
+            export=export_command(findings),
+            winners=[(group, command(findings, group)) for group in parts.winners],
+            data={"specs": parts.specs, "files": _files(findings, parts.content)},
+            swatch=swatch,
+            light=palette("light"),
+            dark=palette("dark"),
+            style=Markup((PAGE / "report.css").read_text(encoding="utf-8")),
+            script=Markup((PAGE / "report.js").read_text(encoding="utf-8")),
+            plotly=Markup((resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")),
+        )
     )
     write_atomic(path, page.encode())

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import small_figures
 from mlflow.tracking import MlflowClient
 
 from deltatune.publish import artifacts, publish
@@ -25,6 +24,7 @@ from orchestrator.tracking.mlflow.views import LEADERBOARD, SECTION, VIEWS, View
 from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.ui import leaderboards
 from orchestrator.tracking.uri import tracking_uri
+from tests.small_figures import small_figures
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium")

@@ -24,6 +24,7 @@ from orchestrator.execution.sweep import run
 from orchestrator.execution.work_queue import Pack, WorkQueue
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
+from tests.small_figures import DRAWN_SMALL
 
 PATIENCE = 240.0
 """Seconds that a test waits for something to happen on a busy machine."""
@@ -67,7 +68,7 @@ def on_start(monkeypatch: pytest.MonkeyPatch, harm: Callable[[Pack, int], None])
 def driver(
     folder: Path,
     *words: str,
-    python: tuple[str, ...] = ("-m", "deltatune.cli.main"),
+    python: tuple[str, ...] = DRAWN_SMALL,
     env: Mapping[str, str] | None = None,
     **changes: Any,
 ) -> Iterator[subprocess.Popen[str]]:

@@ -75,6 +75,7 @@ class Cluster:
         """
         ray = str(Path(sys.executable).parent / "ray")
         words = [*within, ray, "start", "--block", "--node-ip-address", ip, "--disable-usage-stats", *options]
+        words += ["--include-log-monitor", "false"]
         for _ in range(STARTS):
             node, said = self._try([*words, "--dashboard-agent-listen-port", str(free_port())])
             if node.poll() is None:

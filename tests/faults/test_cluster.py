@@ -134,7 +134,7 @@ main()
 
 
 def test_a_joined_sweep_is_told_of_the_loss_of_its_head(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
-    cluster.grow(2)
+    cluster.grow(1)
     words = ("--no-mlflow", "--address", cluster.address)
     with driver(tmp_path, *words, python=("-c", ON_A_NODE), env=TOKEN, **LONGER) as process:
         wait_for(ended(tmp_path, 3), process)

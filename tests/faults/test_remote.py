@@ -21,6 +21,7 @@ from orchestrator.results import lock
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.uri import tracking_uri
 from tests.deltatune.cli.in_process import command
+from tests.small_figures import DRAWN_SMALL
 from trainables.errors import InputError
 from trainables.storage.paths import storage_path
 
@@ -60,7 +61,7 @@ def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
     storage, file = storage_path(bucket), tmp_path / "space.yaml"
     file.write_text(yaml.safe_dump(space(**DEEP), sort_keys=False))
     words = ["sweep", str(file), "--storage", bucket, "--no-mlflow", "--local", "--checkpoint-every", "0"]
-    program = [sys.executable, "-m", "deltatune.cli.main", *words, "--workers", "2"]
+    program = [sys.executable, *DRAWN_SMALL, *words, "--workers", "2"]
     with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as driver:
         wait_for(lambda: checkpointed(storage / "small"))
         driver.send_signal(signal.SIGSTOP)  # so that it is not done by the time that the other one has started

@@ -16,6 +16,8 @@ from mlflow.tracking import MlflowClient
 
 from orchestrator.results.sweep_folder import Results
 from orchestrator.sources.library import SourceLibrary
+from tests.deltatune.cli.in_process import command
+from tests.small_figures import DRAWN_SMALL
 
 LOCKED_SECONDS = 3.0
 """For which another process holds the database for itself."""
@@ -29,11 +31,10 @@ def test_two_sweeps_of_one_storage_with_a_store_that_others_write_to(tmp_path: P
     storage, file = tmp_path / "storage", tmp_path / "small.yaml"
     file.write_text(yaml.safe_dump(space(**FEW), sort_keys=False))
     calm, _ = sweep(tmp_path / "calm", **FEW)
-    deltatune = [sys.executable, "-m", "deltatune"]
     words = ["sweep", str(file), "--storage", str(storage), "--local", "--workers", "1", "--reuse", "none"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     sweeps = {
-        name: subprocess.Popen([*deltatune, *words, "--name", name], **pipes)  # type: ignore[call-overload]
+        name: subprocess.Popen([sys.executable, *DRAWN_SMALL, *words, "--name", name], **pipes)  # type: ignore[call-overload]
         for name in ("one", "two")
     }
     try:
@@ -46,9 +47,9 @@ def test_two_sweeps_of_one_storage_with_a_store_that_others_write_to(tmp_path: P
             time.sleep(LOCKED_SECONDS)
             other.execute("ROLLBACK")
         other.close()
-        sync = subprocess.run([*deltatune, "sync", "one", "--storage", str(storage)], capture_output=True, text=True)
-        assert sync.returncode in (0, 2), sync.stderr
-        assert sync.returncode == 0 or "is being written into MLflow by process" in sync.stderr
+        code, _, err = command("sync", "one", "--storage", str(storage))
+        assert code in (0, 2), err
+        assert code == 0 or "is being written into MLflow by process" in err
         said = {name: process.communicate(timeout=PATIENCE)[0] for name, process in sweeps.items()}
     finally:
         for process in sweeps.values():

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import CELLS
+from conftest import CELLS, LOCAL
 from harness import assert_same, driver, on_start, sweep
 
 from orchestrator.execution import work_queue
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.work_queue import Pack
 from orchestrator.results.sweep_folder import Results
+from tests.small_figures import DRAWN_SMALL
 from trainables.cell import Cell
 from trainables.learners import dqn
 from trainables.learners.replay_buffer import Replay
@@ -33,6 +34,7 @@ def test_ray_survives_a_lost_worker_a_cell_that_kills_its_workers_and_one_that_h
 ) -> None:
     plan = Results.open(finished, "small").plan()["transfer"]
     deadly, hanging, killed = plan[5], plan[11], list[int]()
+    monkeypatch.setattr(work_queue, "MAX_WORKER_LOSSES", 2)  # each worker of Ray takes seconds to start
 
     def harm(pack: Pack, pid: int) -> None:
         if not killed or deadly in pack.cells:
@@ -50,7 +52,7 @@ def test_ray_survives_a_lost_worker_a_cell_that_kills_its_workers_and_one_that_h
     assert set(errors) == {deadly.id, hanging.id}
     assert errors[deadly.id].startswith(f"its worker was lost {work_queue.MAX_WORKER_LOSSES} times, at last: ")
     assert errors[hanging.id] == "it took longer than its time limit of 8 s"
-    _, tally = sweep(tmp_path, Settings(retry_failed=True))
+    _, tally = sweep(tmp_path, replace(LOCAL, retry_failed=True))
     assert (tally.ran, tally.failed) == (2, 0)
     assert_same(tmp_path, finished)
 
@@ -86,9 +88,9 @@ def test_a_cell_that_kills_its_workers_fails_alone_and_can_be_tried_again(
     head = results.heads()[bad.id]
     assert head.status == "failed"
     assert str(head.error).startswith(f"its worker was lost {work_queue.MAX_WORKER_LOSSES} times, at last: ")
-    _, tally = sweep(tmp_path, POOL)
+    _, tally = sweep(tmp_path, LOCAL)
     assert tally.ran == 0
-    _, tally = sweep(tmp_path, replace(POOL, retry_failed=True))
+    _, tally = sweep(tmp_path, replace(LOCAL, retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
     assert_same(tmp_path, finished)
 
@@ -107,7 +109,7 @@ def test_a_cell_that_hangs_is_ended_at_its_time_limit_and_the_rest_of_its_pack_r
         results, tally = sweep(tmp_path, replace(POOL, time_limit=8))
     assert (tally.ran, tally.failed) == (CELLS, 1)
     assert results.heads()[bad.id].error == "it took longer than its time limit of 8 s"
-    _, tally = sweep(tmp_path, replace(POOL, retry_failed=True))
+    _, tally = sweep(tmp_path, replace(LOCAL, retry_failed=True))
     assert (tally.ran, tally.failed) == (1, 0)
     assert_same(tmp_path, finished)
 
@@ -150,13 +152,17 @@ def test_a_cell_whose_arrays_do_not_fit_into_memory_fails_with_that_cause(
     assert "Memory" in errors[0]
 
 
+ONE_LOSS = ("-c", f"from orchestrator.execution import work_queue; work_queue.MAX_WORKER_LOSSES = 1; {DRAWN_SMALL[1]}")
+"""A driver that gives a cell one worker."""
+
+
 @pytest.mark.ray
 def test_a_node_that_is_out_of_memory_is_said_to_be_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RAY_memory_usage_threshold", "0.01")
     monkeypatch.setenv("RAY_memory_monitor_refresh_ms", "50")
     slow = {"episodes": [10**6], "evaluate_every": [10**6]}
     words = ("--no-mlflow", "--workers", "1", "--seeds", "1", "--tasks", "windy_gridworld:wind=small")
-    with driver(tmp_path, *words, agents={"q_learning": {}}, hyperparameters=slow, **EXACT) as process:
+    with driver(tmp_path, *words, python=ONE_LOSS, agents={"q_learning": {}}, hyperparameters=slow, **EXACT) as process:
         out, _ = process.communicate(timeout=200)
     assert process.returncode == 1
     assert "a worker was lost: its node ran out of memory" in out

@@ -13,6 +13,7 @@ from conftest import SPACE
 
 from orchestrator.errors import exit_code, sentence
 from orchestrator.results.sweep_folder import Results
+from tests.small_figures import DRAWN_SMALL
 
 WORK = """
 import sys
@@ -58,7 +59,7 @@ def test_a_sweep_whose_output_is_full_is_whole_and_says_one_sentence(tmp_path: P
     env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "deltatune.cli.main", *words, "--no-mlflow"],
+            [sys.executable, *DRAWN_SMALL, *words, "--no-mlflow"],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,

@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from conftest import SPACE, small_figures
+from conftest import SPACE
 from rich.console import Console
 
 from deltatune import publish
@@ -28,6 +28,7 @@ from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.tracker import Tracker
 from search_spaces.search_space import SearchSpace
 from tests.orchestrator.local_sweeps import LOCAL, snapshot, space
+from tests.small_figures import small_figures
 from trainables.errors import InputError
 
 

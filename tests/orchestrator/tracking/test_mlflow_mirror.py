@@ -11,7 +11,7 @@ from typing import Any
 
 import mlflow
 import pytest
-from conftest import CELLS, GROUPS, small_figures
+from conftest import CELLS, GROUPS
 from mlflow.entities import Run
 from mlflow.tracking import MlflowClient
 from rich.console import Console
@@ -29,6 +29,7 @@ from orchestrator.tracking.sync import sync, sync_now
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.uri import tracking_uri
 from tests.orchestrator.local_sweeps import LOCAL, space
+from tests.small_figures import small_figures
 from trainables.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("quick_mlflow", "quick_figures")

@@ -27,15 +27,17 @@ from orchestrator.execution.sweep import run
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
 from tests.orchestrator.local_sweeps import OTHER_EXECUTORS, POOL
+from tests.small_figures import ROOT
 
 WITHOUT_RAY = """
 import contextlib, json, sys
+sys.path.append(sys.argv.pop(1))
 class NoRay:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] == "ray":
             raise ImportError("no Ray on this machine")
 sys.meta_path.insert(0, NoRay())
-from deltatune.cli.main import main
+from tests.small_figures import main
 for words in json.loads(sys.argv[1]):
     sys.argv = ["deltatune", *words]
     with contextlib.suppress(SystemExit):
@@ -88,7 +90,7 @@ def test_a_sweep_of_a_machine_without_ray(tmp_path: Path) -> None:
     (tmp_path / "space.yaml").write_text(yaml.safe_dump(SPACE))
     words = ["sweep", str(tmp_path / "space.yaml"), "--storage", str(tmp_path), "--no-mlflow", "--local", "--workers"]
     commands = [[*words, "1", "--agents", "q_learning"], [*words, "2"]]
-    code = [sys.executable, "-c", WITHOUT_RAY, json.dumps(commands)]
+    code = [sys.executable, "-c", WITHOUT_RAY, ROOT, json.dumps(commands)]
     done = subprocess.run(code, capture_output=True, text=True)
     assert (done.returncode, done.stderr.count("Error")) == (0, 0), done.stderr
     assert "8 cells run (0 failed), 0 reused" in done.stdout
