@@ -191,9 +191,13 @@ class Ledger:
         return Shorter(self._heads, self.states, self._others)
 
     def drop_outgrown(self, stage: str, known: Places) -> None:
-        """Remove the end states that a stage has continued, where those of the longer cells are there."""
+        """Remove the end states that a stage has continued, where those of the longer cells are there. Best effort."""
         for path in self.shorter().outgrown(self.planned(stage), known):
-            disk.remove(path)
+            try:
+                disk.remove(path)
+            except Exception as error:  # each protocol's package raises different errors
+                log.warning("the end state %s cannot be removed: %s", path, error)
+                return
 
     def searched(self, arm: Arm) -> list[Cell]:
         """Return the cells that a search of this arm has suggested in earlier runs."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import logging
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +27,9 @@ OTHER_VERSIONS = "the shorter ones ran with other versions of the packages"
 NO_STATE = (
     "no end state of the shorter ones is there (they took no time, or more of the disk than --keep-states leaves)"
 )
+
+
+log = logging.getLogger("deltatune.sweep")
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,46 @@ class Found(NamedTuple):
     """Cell id to how many of its episodes are trained already."""
 
 
+@dataclass
+class _Ended:
+    """The done cells of one agent, task and seed. What is costly is computed where one of them is short enough."""
+
+    cells: list[Cell] = field(default_factory=list)
+
+    def shorter(self, cell: Cell) -> list[Cell]:
+        """Return those that differ from a cell only in having fewer episodes, the longest first."""
+        if self._least >= _episodes(cell):
+            return []
+        alike = [each for each in self._by_lineage.get(cell.lineage, ()) if _episodes(each) < _episodes(cell)]
+        return sorted(alike, key=_episodes, reverse=True)
+
+    def with_another_source(self, cell: Cell) -> bool:
+        """Return whether one of them differs from a cell only in having fewer episodes and another source network."""
+        if not cell.sources or self._least >= _episodes(cell):
+            return False
+        return self._but_source.get(_but_source(cell), _episodes(cell)) < _episodes(cell)
+
+    @functools.cached_property
+    def _least(self) -> int:
+        return min(map(_episodes, self.cells))
+
+    @functools.cached_property
+    def _by_lineage(self) -> dict[str, list[Cell]]:
+        found = defaultdict(list)
+        for cell in self.cells:
+            found[cell.lineage].append(cell)
+        return found
+
+    @functools.cached_property
+    def _but_source(self) -> dict[str, int]:
+        """The least episodes by what `_but_source` says of a cell."""
+        found: dict[str, int] = {}
+        for cell in self.cells:
+            key = _but_source(cell)
+            found[key] = min(_episodes(cell), found.get(key, _episodes(cell)))
+        return found
+
+
 class Shorter:
     """The ended cells of a storage with their end states, which longer cells may continue."""
 
@@ -73,7 +118,7 @@ class Shorter:
         self._heads, self._folder, self._others = heads, folder, others
         self._here: set[str] | None = None
         self._elsewhere: dict[str, list[tuple[int, Path]]] | None = None
-        self._by_seed: dict[tuple[str, str, int], list[Cell]] | None = None
+        self._groups: dict[tuple[str, str, int], _Ended] | None = None
 
     def of(self, cells: Iterable[Cell]) -> Found:
         """Return what is known about those of `cells` that are longer than ended ones."""
@@ -114,32 +159,30 @@ class Shorter:
 
     def _longest(self, cell: Cell) -> tuple[int, str] | str | None:
         """Return (episodes, path) of what a cell continues, why it starts anew, or None where no shorter one ended."""
-        shorter = self._ended_shorter(cell)
-        alike = [each for each in shorter if each.lineage == cell.lineage]
-        why = ""
-        for each in sorted(alike, key=lambda each: -each.settings.episodes):
-            unusable = self._unusable(each)
-            if not unusable:
-                return each.settings.episodes, str(self._folder / name_of(each))
-            why = why or unusable
+        group = self._ended().get((cell.agent, cell.task, cell.seed))
+        alike = group.shorter(cell) if group else []
+        whys = [(self._unusable(each), each) for each in alike]
+        here = next((each for why, each in whys if not why), None)
+        longest = _episodes(here) if here else 0
         for episodes, path in sorted(self._elsewhere_of(cell), key=lambda place: -place[0]):
             sibling = cell.with_episodes(episodes)
-            if self._others is not None and not why_anew(sibling) and self._others.find(sibling) is not None:
+            usable = episodes > longest and not why_anew(sibling)
+            if usable and self._others is not None and self._others.find(sibling) is not None:
                 return episodes, str(path)
-        if not alike and cell.sources and any(_but_source(each) == _but_source(cell) for each in shorter):
-            return OTHER_SOURCE
-        return why or None
+        if here:
+            return longest, str(self._folder / name_of(here))
+        if whys:
+            return whys[0][0]
+        return OTHER_SOURCE if group and group.with_another_source(cell) else None
 
-    def _ended_shorter(self, cell: Cell) -> list[Cell]:
-        """Return the done cells of the sweep with the same agent, task and seed, and fewer episodes."""
-        if self._by_seed is None:
-            self._by_seed = defaultdict(list)
+    def _ended(self) -> dict[tuple[str, str, int], _Ended]:
+        """Return the done cells of the sweep by agent, task and seed."""
+        if self._groups is None:
+            self._groups = defaultdict(_Ended)
             for head in self._heads.values():
                 if head.status == "done":
-                    self._by_seed[head.cell.agent, head.cell.task, head.cell.seed].append(head.cell)
-        episodes = _episodes(cell)
-        there = self._by_seed.get((cell.agent, cell.task, cell.seed), [])
-        return [each for each in there if _episodes(each) < episodes]
+                    self._groups[head.cell.agent, head.cell.task, head.cell.seed].cells.append(head.cell)
+        return self._groups
 
     def _unusable(self, cell: Cell) -> str:
         """Return why no longer cell can continue a done one, as a clause; empty where one can."""
@@ -151,7 +194,7 @@ class Shorter:
 
     def _states(self) -> set[str]:
         if self._here is None:
-            self._here = set(sizes(self._folder))
+            self._here = _names(self._folder)
         return self._here
 
     def _elsewhere_of(self, cell: Cell) -> list[tuple[int, Path]]:
@@ -160,12 +203,21 @@ class Shorter:
             self._elsewhere = defaultdict(list)
             storage = self._folder.parent.parent
             for folder in storage.glob("*/states") if self._others is not None and is_local(storage) else ():
-                for name in sizes(folder) if folder != self._folder else ():
+                for name in _names(folder) if folder != self._folder else ():
                     if (parts := NAME.fullmatch(name)) is not None:
                         self._elsewhere[parts[1]].append((int(parts[2]), folder / name))
         if not self._elsewhere:
             return []
         return [place for place in self._elsewhere.get(cell.lineage, []) if place[0] < _episodes(cell)]
+
+
+def _names(folder: Path) -> set[str]:
+    """Return the names in a folder; none where the storage does not answer, since no result depends on end states."""
+    try:
+        return set(sizes(folder))
+    except Exception as error:  # each protocol's package raises different errors
+        log.warning("cannot list the end states in %s: %s", folder, error)
+        return set()
 
 
 def _episodes(cell: Cell) -> int:

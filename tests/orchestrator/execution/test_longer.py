@@ -24,6 +24,7 @@ from search_spaces.search_space import SearchSpace
 from tests.orchestrator.local_sweeps import POOL
 from trainables.learners.dqn import DeepLearner
 from trainables.learners.q_learning import TabularLearner
+from trainables.storage import disk
 from trainables.storage.paths import storage_path
 from trainables.training.end_states import name_of
 
@@ -211,6 +212,9 @@ def test_a_sweep_continues_the_cells_of_another_one_of_its_storage_on_wish(tmp_p
     assert len(states(Results.open(tmp_path / "a", "first"))) == 8, "another sweep's end states are its own"
     same_as_scratch(results, grid(60), tmp_path / "b")
     assert swept(tmp_path / "a", grid(60), LOCAL, "third")[1].continued == 0
+    swept(tmp_path / "a", grid(20), LOCAL, "third")
+    (_, stage) = forecast(grid(90), every, Results(tmp_path / "a" / "third"), 1).stages
+    assert stage.longer.saved == 8 * 60, "the longest of them, wherever it is"
 
 
 @pytest.mark.parametrize("harm", ["gone", "torn"])
@@ -221,6 +225,27 @@ def test_damaged_end_states_cost_their_cells_alone(harm: str, tmp_path: Path) ->
     results, summary, _ = swept(tmp_path / "a", grid(60))
     assert (summary.ran, summary.continued) == (first.ran, first.ran - 3)
     assert ("starts anew: the end state" in (results.folder / "driver.log").read_text()) == (harm == "torn")
+    same_as_scratch(results, grid(60), tmp_path / "b")
+
+
+@pytest.mark.parametrize("what", ["list", "remove"])
+def test_a_storage_that_does_not_answer_costs_the_saving_and_not_the_sweep(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    swept(tmp_path / "a", grid(30))
+
+    def silent(path: Path) -> Any:
+        if "states" in path.parts:
+            raise TimeoutError("no answer")
+        remove_file(path)
+
+    remove_file = disk.remove
+    target = "orchestrator.execution.longer.sizes" if what == "list" else "trainables.storage.disk.remove"
+    monkeypatch.setattr(target, silent)
+    results, summary, _ = swept(tmp_path / "a", grid(60))
+    assert (summary.ran, summary.continued) == (8, 0 if what == "list" else 8)
+    why = {"list": "cannot list the end states in", "remove": "cannot be removed: no answer"}[what]
+    assert why in (results.folder / "driver.log").read_text()
     same_as_scratch(results, grid(60), tmp_path / "b")
 
 
