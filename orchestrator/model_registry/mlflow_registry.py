@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,9 @@ VERSIONS = "mlflow.modelVersions"
 
 REQUIREMENTS = ["mlflow>=3.13", "numpy>=1.26"]
 """The packages that loading a version needs."""
+
+SCANNED = "_MODULES_TO_PACKAGES"
+"""Where MLflow keeps the packages of all modules once it has looked for them, which takes a second."""
 
 _CODE = Path(__file__).with_name("pyfunc_policy.py")
 
@@ -176,16 +180,30 @@ def _save(folder: Path, model: SourceModel, model_id: str, run: str) -> Path:
     else:
         size = int(model.knowledge.arrays["sizes"][0])
         example, inputs = np.zeros((2, size), np.float32), Schema([ColSpec("double") for _ in range(size)])
-    pyfunc.save_model(
-        folder / "model",
-        python_model=str(_CODE),
-        artifacts={"knowledge": str(knowledge)},
-        signature=ModelSignature(inputs, actions),
-        input_example=example,
-        pip_requirements=REQUIREMENTS,
-        mlflow_model=Model(model_id=model_id, run_id=run),
-    )
+    with _no_scan():
+        pyfunc.save_model(
+            folder / "model",
+            python_model=str(_CODE),
+            artifacts={"knowledge": str(knowledge)},
+            signature=ModelSignature(inputs, actions),
+            input_example=example,
+            pip_requirements=REQUIREMENTS,
+            mlflow_model=Model(model_id=model_id, run_id=run),
+        )
     return folder / "model"
+
+
+@contextmanager
+def _no_scan() -> Iterator[None]:
+    """Keep MLflow from listing each file of each installed package, only to look up two that it knows by name."""
+    from mlflow.utils import requirements_utils
+
+    before = getattr(requirements_utils, SCANNED, None)
+    setattr(requirements_utils, SCANNED, before or {"mlflow": ["mlflow"], "numpy": ["numpy"]})
+    try:
+        yield
+    finally:
+        setattr(requirements_utils, SCANNED, before)
 
 
 def _add_steps(client: MlflowClient, version: ModelVersion, model: SourceModel) -> None:

@@ -21,6 +21,7 @@ import pytest
 import torch
 from conftest import LOCAL
 from mlflow.tracking import MlflowClient
+from mlflow.utils import requirements_utils
 from rich.console import Console
 
 from orchestrator.analysis.findings import find
@@ -425,3 +426,20 @@ def test_a_version_is_linked_to_the_run_of_the_cell_that_trained_it(poles: Resul
     client = MlflowClient(tracking_uri(poles.storage, None))
     for version in versions(poles, MODEL).values():
         assert client.get_run(version.run_id).data.tags["cell_id"] == version.tags["cell_id"]
+
+
+def test_saving_a_version_lists_no_installed_package(
+    grid: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed: list[str] = []
+
+    def scan() -> dict[str, list[str]]:
+        listed.append("all")
+        return {}
+
+    monkeypatch.setattr(requirements_utils, mlflow_registry.SCANNED, None)
+    monkeypatch.setattr("importlib_metadata.packages_distributions", scan)
+    model = mlflow_registry._save(tmp_path, source_models(grid)[0], "m-1", "run")
+    assert (model / "requirements.txt").read_text().split() == mlflow_registry.REQUIREMENTS
+    assert not listed
+    assert getattr(requirements_utils, mlflow_registry.SCANNED) is None, "for the models that others save"
