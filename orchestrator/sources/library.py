@@ -178,7 +178,7 @@ class SourceLibrary:
         for name in names:
             found = [entry for entry in entries if entry.id.startswith(name) or entry.cell.task == _task(name)]
             if not found:
-                raise unknown("source", name, (f"{entry.id} ({entry.cell.task})" for entry in entries))
+                raise unknown("source", name, sorted({entry.cell.task for entry in entries}))
             chosen |= {entry.id: entry for entry in found}
         return list(chosen.values())
 

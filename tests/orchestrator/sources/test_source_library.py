@@ -63,6 +63,10 @@ def test_sources_are_found_by_task_and_by_the_beginning_of_their_id(library, nam
 def test_what_is_not_there_is_refused_with_what_is(library: SourceLibrary) -> None:
     with pytest.raises(InputError, match=r"unknown source 'cartpole'.*windy_gridworld:wind=small"):
         library.find(["cartpole"])
+    with pytest.raises(InputError) as caught:  # each task once, however many sources it has
+        library.find(["cartpole", "acrobot"])
+    assert str(caught.value).count("windy_gridworld:wind=small") == 1
+    assert library.ids()[0] not in str(caught.value)
     with pytest.raises(InputError, match="16 hexadecimal digits"):
         library.remove("../../etc/passwd")
 
