@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from conftest import LOCAL, SPACE, timeless
 from rich.console import Console
 
@@ -21,6 +23,7 @@ from orchestrator.results.admin import remove, rename
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
+from tests.deltatune.cli.in_process import command
 from tests.orchestrator.local_sweeps import POOL
 from trainables.learners.dqn import DeepLearner
 from trainables.learners.q_learning import TabularLearner
@@ -318,3 +321,31 @@ def test_a_search_continues_the_configurations_that_it_tries_again(search: dict[
     shared = whole.keys() & fresh.heads().keys()
     assert shared
     assert all(whole[key].digest == fresh.heads()[key].digest for key in shared)
+
+
+@pytest.mark.usefixtures("quick_figures")
+def test_a_pretrained_source_stays_whatever_the_episodes_and_the_command_says_what_it_saves(tmp_path: Path) -> None:
+    scenario = {**GRID, "source": {"task": "windy_gridworld", "kinds": ["learned"]}}
+    results, _, _ = swept(tmp_path / "first", grid(30, scenarios=[scenario]))
+    source = next((tmp_path / "first" / "sources").glob("*.npz"))
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(results.space().to_json() | {"schema": 1}))
+    words = [
+        "sweep",
+        str(tmp_path / "space.yaml"),
+        "--storage",
+        str(tmp_path / "a"),
+        "--no-mlflow",
+        "--local",
+        "--json",
+    ]
+    words += ["--workers", "1", "--source", str(source)]
+    told: list[dict[str, Any]] = []
+    for more in ([], ["--set", "episodes=60", "--dry-run"], ["--set", "episodes=60", "--keep-states", "0"]):
+        code, out, err = command(*words, *more)
+        assert code == 0, err
+        told.append(json.loads(out))
+    first, ahead, second = told
+    assert (first["tally"]["ran"], first["tally"]["continued"]) == (8, 0)
+    assert [stage["longer"] for stage in ahead["stages"]][-1] == {"cells": 8, "episodes": 480, "saved": 240, "anew": {}}
+    assert (second["tally"]["ran"], second["tally"]["continued"]) == (8, 8)
+    assert len(states(Results.open(tmp_path / "a", "small"))) == 8, "those of 30 episodes, as no longer ones were kept"
