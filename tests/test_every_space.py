@@ -277,6 +277,7 @@ def test_a_sequential_test_compares_every_agent_of_every_space_with_what_it_buil
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.usefixtures("quick_figures")
 @pytest.mark.parametrize("name", ["demo", "smoke-table1", *CUSTOM])
 def test_a_sequential_test_over_seeds_goes_from_forecast_to_replay(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -38,8 +38,13 @@ def sweep(folder: Path, draws: int, space: dict[str, Any] = SPACE, names: tuple[
     return find(made.results, (cells, made.points))
 
 
-def test_what_moves_the_auc_has_the_variance_and_the_same_results_give_the_same_shares(tmp_path: Path) -> None:
-    findings = sweep(tmp_path, 30)
+@pytest.fixture(scope="module")
+def findings(tmp_path_factory: pytest.TempPathFactory) -> Findings:
+    """Of a search by 30 draws."""
+    return sweep(tmp_path_factory.mktemp("draws"), 30)
+
+
+def test_what_moves_the_auc_has_the_variance_and_the_same_results_give_the_same_shares(findings: Findings) -> None:
     (found,) = importances(findings)
     assert (found.key.agent, found.configurations) == ("ppr", 30)
     assert list(found.shares) == ["nu", "learning_rate"]
@@ -48,8 +53,8 @@ def test_what_moves_the_auc_has_the_variance_and_the_same_results_give_the_same_
     assert importances(findings) == [found]
 
 
-def test_the_figure_has_a_bar_per_hyperparameter(tmp_path: Path) -> None:
-    drawn = figure.chart(sweep(tmp_path, 30))
+def test_the_figure_has_a_bar_per_hyperparameter(findings: Findings) -> None:
+    drawn = figure.chart(findings)
     assert isinstance(drawn, Chart)
     (panel,) = drawn.panels
     assert panel.x_ticks == ("nu", "learning_rate")
@@ -63,11 +68,11 @@ def test_the_share_of_a_single_hyperparameter_is_not_shown(tmp_path: Path) -> No
 def test_few_draws_and_grids_have_none(tmp_path: Path) -> None:
     assert importances(sweep(tmp_path / "few", MIN_CONFIGURATIONS - 1)) == []
     grids = {"agents": {"q_learning": {}, "ppr": {"nu": [0.5, 0.7]}}}
-    assert importances(sweep(tmp_path / "grid", 30, grids)) == []
-    assert isinstance(figure.chart(sweep(tmp_path / "grid2", 30, grids)), Absent)
+    findings = sweep(tmp_path / "grid", 30, grids)
+    assert importances(findings) == []
+    assert isinstance(figure.chart(findings), Absent)
 
 
-def test_equal_aucs_have_none(tmp_path: Path) -> None:
-    findings = sweep(tmp_path, 30)
+def test_equal_aucs_have_none(findings: Findings) -> None:
     flat = findings.cells.assign(auc=-1.0)
     assert importances(find(findings.results, (flat, findings.points))) == []

@@ -131,6 +131,7 @@ def test_a_failed_cell_ends_its_comparisons_and_no_other(results: Results) -> No
     assert "lost" not in {each.outcome.state for each in found.decisions if each not in lost}
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_report_tables_and_python_have_the_decisions(results: Results) -> None:
     published = publish(results)
     found = published.findings

@@ -35,6 +35,7 @@ def test_a_cell_id_cannot_leave_the_folder(copy: Results, cell_id: str) -> None:
         SourceLibrary(copy.storage).load(cell_id)
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_a_search_space_is_checked_once_however_often_it_is_asked_for(
     copy: Results, monkeypatch: pytest.MonkeyPatch
 ) -> None:

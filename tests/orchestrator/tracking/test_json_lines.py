@@ -20,6 +20,7 @@ from orchestrator.tracking.json_lines import JsonLines
 from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.uri import tracking_uri
 from tests.orchestrator.local_sweeps import LOCAL, space
+from tests.small_figures import small_figures
 from trainables.errors import InputError
 
 
@@ -28,7 +29,8 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Results:
     """A sweep of q_learning and policy_reuse that was tracked while it ran."""
     storage = tmp_path_factory.mktemp("lines")
     asked = space(seeds=2, agents={"q_learning": {}, "policy_reuse": {}})
-    with SweepSession.open(storage, "small", asked, tracking_uri=f"jsonl:{storage / 'copy'}") as now:
+    opened = SweepSession.open(storage, "small", asked, tracking_uri=f"jsonl:{storage / 'copy'}")
+    with small_figures(), opened as now:
         now.run(LOCAL)
         findings = publish(now.results).findings
         assert now.finish(findings, []) == []

@@ -24,6 +24,7 @@ from orchestrator.tracking.sync import sync_now
 from orchestrator.tracking.tracker import Tracker
 from orchestrator.tracking.trackers import MLFLOW
 from tests.orchestrator.local_sweeps import LOCAL, space
+from tests.small_figures import small_figures
 from trainables.errors import InputError
 from trainables.storage.paths import storage_path
 
@@ -71,7 +72,7 @@ def store(monkeypatch: pytest.MonkeyPatch) -> Store:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Results:
     storage = tmp_path_factory.mktemp("tracked")
-    with SweepSession.open(storage, "small", space()) as now:
+    with small_figures(), SweepSession.open(storage, "small", space()) as now:
         now.run(LOCAL)
         publish.publish(now.results)
     return Results.open(storage, "small")

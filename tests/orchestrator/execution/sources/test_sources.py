@@ -148,6 +148,7 @@ def test_a_source_that_fails_takes_its_own_transfers_with_it_and_no_others(broke
     assert [group.agent for group in find(results).best if group.against_base] == ["es"]
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_a_sweep_with_a_lost_source_ends_with_a_table_a_report_and_exit_code_1(broken: Path) -> None:
     result = CliRunner().invoke(app, ["sweep", "broken.yaml", "--local", "--workers", "1", "--no-mlflow", "--json"])
     assert result.exit_code == 1, result.output
