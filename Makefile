@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PACKAGES := trainables search_spaces orchestrator dashboards deltatune
 PROCESSES ?= 3
-GROUPED := -n $(PROCESSES) --dist loadgroup --no-loadscope-reorder
+GROUPED = -n $(PROCESSES) --dist loadgroup --no-loadscope-reorder
 
 .PHONY: setup demo docs test test-fast test-slow lint check bench clean
 
@@ -22,11 +22,13 @@ demo: setup
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# All but the slow ones, in two processes (or PROCESSES=4, say), by the groups and in the order of tests/conftest.py.
+# All but the slow ones, by the groups and in the order of tests/conftest.py. In three processes (or PROCESSES=2, say):
+# one more than the cores that it is made for, since the tests of Ray mostly wait.
 test: setup
 	$(BIN)/python -m pytest $(GROUPED)
 
 # A loop of under a minute: nothing that takes long, or starts Ray or a browser.
+test-fast: PROCESSES = 2
 test-fast: setup
 	$(BIN)/python -m pytest $(GROUPED) -m 'not (slow or long or ray or cluster or browser)'
 
