@@ -97,11 +97,21 @@ def attribute(name: FileName) -> Any:
     if loaded is None:
         return None
     if not hasattr(loaded.module, name.attribute):
-        there = [key for key in vars(loaded.module) if not key.startswith("_")]
+        there = _names(loaded.module)
         near = difflib.get_close_matches(name.attribute, there, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        hint = f"; did you mean '{near[0]}'?" if near else f": there is {', '.join(there) or 'none'}"
         raise InputError(f"{name.path.name} has no '{name.attribute}'{hint}")
     return getattr(loaded.module, name.attribute)
+
+
+def _names(module: types.ModuleType) -> list[str]:
+    """Return the public names that a file defines, without the modules, classes and functions that it imports."""
+
+    def imported(value: object) -> bool:
+        code = isinstance(value, (type, types.FunctionType)) and value.__module__ != module.__name__
+        return code or isinstance(value, types.ModuleType) or type(value).__module__ == "__future__"
+
+    return [name for name, value in vars(module).items() if not name.startswith("_") and not imported(value)]
 
 
 def instance(name: str, thing: Any, kind: type[Made], word: str) -> Made:

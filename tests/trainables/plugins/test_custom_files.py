@@ -139,6 +139,11 @@ def test_two_files_of_one_name_live_side_by_side(tank: Path) -> None:
         ("x = 1\n\ny = x.nothing\n", r"own\.py:3: AttributeError: 'int' object has no attribute 'nothing'"),
         ("import no_such_module\n", r"own\.py:1: ModuleNotFoundError"),
         ("Tasks = 3\n", r"own\.py has no 'Task'; did you mean 'Tasks'\?"),
+        (
+            "from __future__ import annotations\nimport math\nfrom math import inf\nfrom pathlib import Path\n"
+            "class Pump: ...\nvalve = Pump()\n",
+            r"own\.py has no 'Task': there is inf, Pump, valve$",
+        ),
         ("Task = 3\n", r"own\.py:Task is not a task \(it is 3\): make one with deltatune\.task"),
         ("def Task():\n    return 1 / 0\n", r"calling it failed \(ZeroDivisionError: division by zero \(own\.py:2\)\)"),
     ],
