@@ -34,6 +34,9 @@ def list_(names: Names = None, storage: Storage = RESULTS, as_json: Json = False
     if as_json:
         print_json(data)
         return
+    if not data:
+        out.print(f"{storage} holds no source yet; a sweep keeps those that it trains", soft_wrap=True)
+        return
     columns = ("id", "task", "agent", "seed", "episodes", "best return", "last return", "deltatune", "kB")
     out.print(table(columns, [_line(each) for each in data]))
 

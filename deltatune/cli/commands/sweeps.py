@@ -51,6 +51,9 @@ def status(
     if as_json:
         print_json(found[0] if name else found)
         return
+    if not found:
+        out.print(f"{storage} holds no sweep yet: {program()} sweep demo", soft_wrap=True)
+        return
     rows = [
         (data["sweep"], stage, *(str(counts[key]) for key in KEYS), data["driver"] or "-")
         for data in found

@@ -40,7 +40,14 @@ def test_a_list_says_when_how_far_what_came_of_it_and_its_cost(storage: str) -> 
     assert "32 of 32" in text
     effect = json.loads(run("list", "--storage", storage, "--json"))[0]["largest_effect"]
     assert effect is None or (effect["low"] > 0) or (effect["high"] < 0)
-    assert "holds no sweep yet" in run("list", "--storage", f"{storage}/small")
+
+
+@pytest.mark.parametrize("words", ["list", "status", "sources list"])
+def test_an_empty_storage_is_a_sentence_and_no_empty_table(words: str, tmp_path: Path) -> None:
+    text = run(*words.split(), "--storage", str(tmp_path))
+    assert "yet" in text
+    assert len(text.splitlines()) == 1
+    assert json.loads(run(*words.split(), "--storage", str(tmp_path), "--json")) == []
 
 
 def test_a_sweep_equals_itself_and_what_only_one_has_is_named(storage: str, finished: Path) -> None:
