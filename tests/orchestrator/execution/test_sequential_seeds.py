@@ -15,7 +15,7 @@ from dashboards.report.sections import figures, sections
 from deltatune.publish import artifacts, publish
 from deltatune.sweep_results import SweepResults
 from orchestrator.analysis.contrasts.decisions import replay, rows
-from orchestrator.analysis.findings import find
+from orchestrator.analysis.findings import Findings, find
 from orchestrator.errors import InterruptedSweepError
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.settings import Settings
@@ -42,27 +42,31 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
     return swept(tmp_path_factory.mktemp("auto"), space())[0]
 
 
+@pytest.fixture(scope="module")
+def findings(results: Results) -> Findings:
+    return find(results)
+
+
 def transfers(results: Results) -> list[str]:
     return [cell.id for cell in results.plan()["transfer"]]
 
 
-def test_decided_configurations_stop_and_the_others_take_the_whole_budget(results: Results) -> None:
-    found = find(results)
-    seeds = {(group.task, group.agent, group.source): len(group.seeds) for group in found.groups}
-    states = {each.outcome.state for each in found.decisions}
+def test_decided_configurations_stop_and_the_others_take_the_whole_budget(results: Results, findings: Findings) -> None:
+    seeds = {(group.task, group.agent, group.source): len(group.seeds) for group in findings.groups}
+    states = {each.outcome.state for each in findings.decisions}
     assert states == {"better", "worse", "undecided"}
-    for each in found.decisions:
+    for each in findings.decisions:
         spent = min(seeds[each.task, side.agent, side.source] for side in (each.first, each.second))
         assert each.seeds <= spent
         assert each.seeds % 3 == 0
         assert (each.seeds == 9) == (each.outcome.looks == 3)
         assert each.difference is not None
     assert min(seeds.values()) < max(seeds.values()) == 9
-    assert replay(results.space(), found.cells).further == 0
+    assert replay(results.space(), findings.cells).further == 0
 
 
 def test_the_cells_are_among_those_of_fixed_seeds_and_the_decisions_depend_on_their_values_alone(
-    results: Results, tmp_path: Path
+    results: Results, findings: Findings, tmp_path: Path
 ) -> None:
     fixed, ran = swept(tmp_path, space(seeds=9))
     assert set(transfers(results)) < set(transfers(fixed))
@@ -71,8 +75,8 @@ def test_the_cells_are_among_those_of_fixed_seeds_and_the_decisions_depend_on_th
     again, ran = swept(tmp_path, space())
     assert ran == 0, "every cell is there already"
     assert again.plan() == results.plan()
-    assert find(again).decisions == find(results).decisions
-    assert find(fixed).decisions == find(results).decisions
+    assert find(again).decisions == findings.decisions
+    assert find(fixed).decisions == findings.decisions
 
 
 @pytest.mark.parametrize("settings", OTHER_EXECUTORS)
@@ -87,7 +91,9 @@ def test_all_executors_come_to_the_same_cells(
 
 
 @pytest.mark.parametrize("after", [1, 30, 60])
-def test_a_kill_changes_neither_cells_nor_decisions(results: Results, tmp_path: Path, after: int) -> None:
+def test_a_kill_changes_neither_cells_nor_decisions(
+    results: Results, findings: Findings, tmp_path: Path, after: int
+) -> None:
     broken = Results.create(tmp_path, "small", space())
     ended: list[object] = []
 
@@ -102,7 +108,7 @@ def test_a_kill_changes_neither_cells_nor_decisions(results: Results, tmp_path: 
     continued, ran = swept(tmp_path, space())
     assert ran == len(results.heads()) - there
     assert continued.plan() == results.plan()
-    assert find(continued).decisions == find(results).decisions
+    assert find(continued).decisions == findings.decisions
     assert swept(tmp_path, space())[1] == 0
 
 
@@ -118,8 +124,8 @@ def test_a_dry_run_says_the_least_and_the_most_and_nothing_is_left_in_the_end(re
     assert after.start == 0
 
 
-def test_a_failed_cell_ends_its_comparisons_and_no_other(results: Results) -> None:
-    table = find(results).cells.copy()
+def test_a_failed_cell_ends_its_comparisons_and_no_other(results: Results, findings: Findings) -> None:
+    table = findings.cells.copy()
     first = table[(table["agent"] == "ppr") & (table["seed"] == 1)].index
     table.loc[first, "status"], table.loc[first, "auc"] = "failed", None
     found = replay(results.space(), table)
