@@ -7,16 +7,20 @@ stamps, which MLflow stores once.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from mlflow.entities import DatasetInput, Metric, Param, Run, RunTag
+from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 
 from orchestrator.tracking.mlflow.fields import thinned
 from trainables.cell import content_id
+
+log = logging.getLogger("deltatune.tracking")
 
 PARENT = "mlflow.parentRunId"
 """The tag by which MLflow nests a run under another."""
@@ -79,7 +83,7 @@ class SweepRuns:
             _key(run.data.tags): Known(
                 str(run.info.run_id),
                 run.data.tags.get("digest"),
-                run.info.status != "RUNNING",
+                _whole(run),
                 run.data.tags.get(PARENT),
                 run.data.tags.get("of_group"),
             )
@@ -128,8 +132,22 @@ class SweepRuns:
             first = start == 0
             batch = points[start : start + BATCH]
             self.client.log_batch(run_id, batch, texts if first else (), tags if first else ())
-        if content.inputs:
-            self.client.log_inputs(run_id, content.inputs)
+        self._log_inputs(run_id, content.inputs)
+
+    def _log_inputs(self, run_id: str, inputs: Sequence[DatasetInput]) -> None:
+        """Log the inputs of a run, and again where another sweep has logged one of them at the same moment.
+
+        MLflow looks whether the experiment has a dataset, and then adds it: the slower one of two gets an error, and
+        finds the dataset there the next time.
+        """
+        for left in reversed(range(len(inputs) + 1 if inputs else 0)):
+            try:
+                self.client.log_inputs(run_id, inputs)
+                return
+            except MlflowException as error:
+                if not left:
+                    raise
+                log.info("the inputs of run %s are logged again: %s", run_id, str(error).splitlines()[0])
 
     def begin(self, key: Key, name: str, tags: Mapping[str, str], begun: float, above: str | None) -> Known:
         """Create the run of `key`, under `above`."""
@@ -168,6 +186,12 @@ class SweepRuns:
             token = page.token
             if not token:
                 return
+
+
+def _whole(run: Run) -> bool:
+    """Return whether a run was written to its end. That of an aggregate is FINISHED, while a cell may have failed."""
+    aggregate = run.data.tags.get("kind") == "aggregate"
+    return bool(run.info.status == "FINISHED" if aggregate else run.info.status != "RUNNING")
 
 
 def _key(tags: Mapping[str, str]) -> Key:
