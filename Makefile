@@ -27,7 +27,7 @@ docs: setup
 test: setup
 	$(BIN)/python -m pytest $(GROUPED)
 
-# A loop of under a minute: nothing that takes long, or starts Ray or a browser.
+# A loop of under two minutes: nothing that takes long, or starts Ray or a browser.
 test-fast: PROCESSES = 2
 test-fast: setup
 	$(BIN)/python -m pytest $(GROUPED) -m 'not (slow or long or ray or cluster or browser)'
