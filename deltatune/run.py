@@ -12,8 +12,9 @@ from deltatune.publish import artifacts, publish
 from deltatune.publish import load as load_renderers
 from deltatune.sweep_results import SweepResults
 from orchestrator.errors import InterruptedSweepError
+from orchestrator.execution.defaults import KEEP_STATES, Reuse
 from orchestrator.execution.session import SweepSession
-from orchestrator.execution.settings import KEEP_STATES, Reuse, Settings
+from orchestrator.execution.settings import Settings
 from orchestrator.planning.evaluations import few_evaluations_in
 from orchestrator.tracking.uri import tracking_uri as store_uri
 from search_spaces.loading import load, parse

@@ -19,9 +19,9 @@ from rich.console import Console
 from deltatune.publish import publish
 from orchestrator.analysis.contrasts.decisions import replay as replay_test
 from orchestrator.analysis.findings import find
+from orchestrator.execution.cells.sequential import needed, needed_at_most
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.replay import replay
-from orchestrator.execution.sequential import needed, needed_at_most
 from orchestrator.execution.sweep import run
 from orchestrator.export import formats
 from orchestrator.planning.arms import Arm

@@ -109,6 +109,11 @@ class Cell(BaseModel):
         """The hyperparameters as an instance of the agent's class."""
         return agent_named(self.agent).resolve(parse_task(self.task), dict(self.hyperparameters))
 
+    @property
+    def episodes(self) -> int:
+        """How many episodes it trains; `settings.episodes` without a check of all settings."""
+        return int(self.hyperparameters["episodes"])
+
     @functools.cached_property
     def group(self) -> str:
         """The id that the cell shares with its other seeds: agent, task, kind of source and hyperparameters."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from orchestrator.analysis import statistics
-from orchestrator.execution.ledger import record_of
+from orchestrator.execution.cells.ledger import record_of
 from orchestrator.sources.library import Entry, SourceLibrary
 from trainables.cell import Cell
 from trainables.delta.exact import exact_q, policy_q

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
+
+from orchestrator.execution import defaults
 
 MAX_WORKERS = 10_000
 MAX_CONFIRM = 1_000
@@ -79,7 +81,7 @@ Pretrained = Annotated[
 ]
 RetryFailed = Annotated[bool, typer.Option("--retry-failed", help="Run failed cells again.", rich_help_panel=WHAT)]
 Reuse = Annotated[
-    Literal["all", "sources", "none"],
+    defaults.Reuse,
     typer.Option(
         "--reuse",
         metavar="WHAT",

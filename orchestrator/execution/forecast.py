@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.execution.ledger import Ledger
-from orchestrator.execution.longer import Longer
-from orchestrator.execution.sequential import needed, needed_at_most, test
+from orchestrator.execution.cells.ledger import Ledger
+from orchestrator.execution.cells.longer import Longer
+from orchestrator.execution.cells.sequential import needed, needed_at_most, test
 from orchestrator.execution.settings import Settings
 from orchestrator.execution.sources.source_choice import choose
 from orchestrator.execution.sources.source_ranking import ranked
@@ -217,7 +217,7 @@ class _Costs:
         low = high = 0.0
         for cell in cells:
             cost = self._cost(cell)
-            episodes = float(cell.hyperparameters["episodes"]) - before.get(cell.id, 0)
+            episodes = cell.episodes - before.get(cell.id, 0)
             low, high = low + episodes * cost.low, high + episodes * cost.high
         return low, high
 
@@ -262,7 +262,7 @@ def _recorded(storage: Path) -> dict[Key, list[float]]:
             continue
         for head in heads:
             key = _key(head.cell.agent, head.cell.task, head.cell.hyperparameters)
-            found.setdefault(key, []).append(head.seconds / float(head.cell.hyperparameters["episodes"]))
+            found.setdefault(key, []).append(head.seconds / head.cell.episodes)
     return found
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from orchestrator.cluster.resources import Resources
+from orchestrator.execution.defaults import CHECKPOINT_SECONDS, KEEP_STATES, Reuse
 from orchestrator.planning.arms import Params
 from orchestrator.planning.source_choice import Runs
 from orchestrator.results.records.record import Record
@@ -14,15 +14,8 @@ from orchestrator.results.records.record import Record
 OnRecord = Callable[[str, Record], None]
 """Called with the stage and the record of each cell as it ends."""
 
-Reuse = Literal["all", "sources", "none"]
-"""What a sweep takes from others in its storage: every cell that they have finished, sources only, or nothing."""
-
 LIBRARY = "the source library"
 """Where sources that another sweep has trained come from; other cells come from the sweep of a name."""
-
-
-KEEP_STATES = 4.0
-"""Default of `Settings.keep_states`."""
 
 
 def origins(taken: Mapping[str, int]) -> str:
@@ -43,10 +36,8 @@ class Settings:
     """Whether to run without Ray: in this process if `workers` is 1, else in that many worker processes."""
     retry_failed: bool = False
     reuse: Reuse = "sources"
-    checkpoint_seconds: float = 5.0
-    """Seconds between the checkpoints of a long cell."""
+    checkpoint_seconds: float = CHECKPOINT_SECONDS
     keep_states: float = KEEP_STATES
-    """Gigabytes of end states of finished cells that a stage keeps, from which longer cells continue."""
     time_limit: float | None = None
     """Seconds after which a cell fails; None: no limit."""
     resources: Resources = field(default_factory=Resources)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from orchestrator.errors import InterruptedSweepError, SweepError
+from orchestrator.execution.cells.ledger import Ledger
+from orchestrator.execution.cells.longer import LEAST_SECONDS, LEAST_SECONDS_REMOTE, Places
 from orchestrator.execution.display import Display
 from orchestrator.execution.executors.early_stopping import EarlyStopping
 from orchestrator.execution.executors.executor import Executor, StageRun, Workplace, executor
 from orchestrator.execution.executors.monitor import OutcomeSink, StageMonitor
-from orchestrator.execution.ledger import Ledger
-from orchestrator.execution.longer import LEAST_SECONDS, LEAST_SECONDS_REMOTE, Places
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings, origins
 from orchestrator.execution.work_queue import CellStatus, Pack, WorkQueue
 from orchestrator.planning.arms import Arm

@@ -12,8 +12,8 @@ from rich.console import Console
 from orchestrator import clock
 from orchestrator.cluster import ending
 from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
-from orchestrator.execution.ledger import Ledger
-from orchestrator.execution.sequential import needed, needed_at_most, test
+from orchestrator.execution.cells.ledger import Ledger
+from orchestrator.execution.cells.sequential import needed, needed_at_most, test
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
 from orchestrator.execution.sources.source_choice import choose
 from orchestrator.execution.sources.source_ranking import ranked

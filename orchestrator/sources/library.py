@@ -206,7 +206,7 @@ def row(entry: Entry) -> dict[str, Any]:
         "agent": entry.cell.agent,
         "kind": agent_named(entry.cell.agent).kind,
         "seed": entry.cell.seed,
-        "episodes": entry.cell.hyperparameters["episodes"],
+        "episodes": entry.cell.episodes,
         "learning_rate": entry.cell.hyperparameters["learning_rate"],
         "best_return": entry.best_return,
         "final_return": entry.final_return,

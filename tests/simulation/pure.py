@@ -9,7 +9,7 @@ from typing import Any
 
 from orchestrator.analysis import groups, selection
 from orchestrator.execution import session, stage, sweep
-from orchestrator.execution.ledger import Ledger
+from orchestrator.execution.cells.ledger import Ledger
 from orchestrator.results import sweep_folder
 from orchestrator.results.records import record_log
 from orchestrator.sources import library

@@ -38,13 +38,13 @@ class EndStates:
         """Return the end state of the longest cell that `cell` can continue; None where there is none."""
         if not self.known:
             return None
-        episodes = cell.settings.episodes
+        episodes = cell.episodes
         found = [(count, path) for count, path in self.known.get(cell.lineage, ()) if count < episodes]
         return storage_path(max(found)[1]) if found else None
 
     def keep(self, cell: Cell, seconds: float, state: Callable[[], dict[str, Any]]) -> None:
         """Write the end state of a cell that took so many seconds, where it is worth keeping and not too large."""
-        if not self.most_bytes or seconds < self.least_seconds or not can_continue(cell):
+        if not self.most_bytes or seconds < self.least_seconds or why_anew(cell):
             return
         from trainables.storage import checkpoint  # with numpy: a driver imports this module
 
@@ -58,7 +58,7 @@ class EndStates:
 
 def name_of(cell: Cell) -> str:
     """Return the name of a cell's end state."""
-    return f"{cell.lineage}-{cell.settings.episodes}.state"
+    return f"{cell.lineage}-{cell.episodes}.state"
 
 
 def why_anew(cell: Cell) -> str:
@@ -67,8 +67,3 @@ def why_anew(cell: Cell) -> str:
     if settings.episodes % settings.evaluate_every:
         return f"{settings.episodes} episodes are no multiple of evaluate_every, {settings.evaluate_every}"
     return agent_named(cell.agent).anew(settings)
-
-
-def can_continue(cell: Cell) -> bool:
-    """Return whether a longer cell can continue this one."""
-    return not why_anew(cell)

@@ -76,7 +76,7 @@ class Training(Iterator[EvalPoint]):
     def _continues(self, state: Mapping[str, Any]) -> bool:
         """Return whether a state is the end of a cell that differs only in having fewer episodes."""
         episodes = int(state["episodes"])
-        shorter = 0 < episodes < self.cell.settings.episodes
+        shorter = 0 < episodes < self.cell.episodes
         return shorter and state["cell"] == self.cell.with_episodes(episodes).id
 
     def close(self) -> None:

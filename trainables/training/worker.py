@@ -117,7 +117,7 @@ class _ProgressReports:
     """Reports the progress of a long cell, every PROGRESS_SECONDS."""
 
     def __init__(self, cell: Cell, tell: Tell) -> None:
-        self._cell, self._episodes, self._tell = cell, cell.settings.episodes, tell
+        self._cell, self._episodes, self._tell = cell, cell.episodes, tell
         self._reported = time.monotonic()
 
     def __call__(self, point: EvalPoint) -> None:

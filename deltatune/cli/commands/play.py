@@ -58,7 +58,7 @@ def play(
             task=canonicalise(task) if task else None,
             sweep=name,
             on_training=lambda cell: err.print(
-                f"training {cell.agent} on {cell.task} again: {cell.hyperparameters['episodes']} episodes",
+                f"training {cell.agent} on {cell.task} again: {cell.episodes} episodes",
                 soft_wrap=True,
             ),
         )

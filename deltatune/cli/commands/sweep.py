@@ -9,6 +9,7 @@ import typer
 
 from deltatune.cli import options as opt
 from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, TrackingUri, app, err, progress_console
+from orchestrator.execution.defaults import CHECKPOINT_SECONDS, KEEP_STATES
 
 if TYPE_CHECKING:
     from orchestrator.execution.session import SweepSession
@@ -35,8 +36,8 @@ def sweep(
     local: opt.Local = False,
     retry_failed: opt.RetryFailed = False,
     reuse: opt.Reuse = "all",
-    checkpoint_every: opt.CheckpointEvery = 5.0,
-    keep_states: opt.KeepStates = 4.0,
+    checkpoint_every: opt.CheckpointEvery = CHECKPOINT_SECONDS,
+    keep_states: opt.KeepStates = KEEP_STATES,
     time_limit: opt.TimeLimit = None,
     cpus_per_cell: opt.Cpus = 1.0,
     gpus_per_cell: opt.Gpus = 0.0,

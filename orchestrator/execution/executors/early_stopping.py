@@ -77,7 +77,7 @@ class MedianStopping:
 def rule(settings: Scheduler, cell: Cell) -> Rule:
     """Return a new rule for the arm of `cell`."""
     if settings.method == "asha":
-        evaluations = 1 + math.ceil(cell.settings.episodes / cell.settings.evaluate_every)
+        evaluations = 1 + math.ceil(cell.episodes / cell.settings.evaluate_every)
         return SuccessiveHalving(settings.grace, evaluations, settings.reduction_factor)
     return MedianStopping(settings.grace)
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from orchestrator.execution.cells.ledger import Ledger
 from orchestrator.execution.display import Display
 from orchestrator.execution.executors.early_stopping import EarlyStopping
-from orchestrator.execution.ledger import Ledger
 from orchestrator.execution.settings import OnRecord, RunSummary
 from orchestrator.execution.work_queue import Pack, Running, WorkQueue
 from trainables import curve

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from orchestrator.execution.ledger import Ledger
+from orchestrator.execution.cells.ledger import Ledger
 from orchestrator.planning.arms import Arm
 from orchestrator.planning.plan import SOURCE
 from orchestrator.planning.source_choice import SourceChoice, untrained

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from orchestrator.analysis.findings import find
 from orchestrator.cluster import connection
-from orchestrator.execution.ledger import Ledger
+from orchestrator.execution.cells.ledger import Ledger
 from orchestrator.execution.replay import replay
 from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run

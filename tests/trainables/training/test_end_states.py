@@ -21,7 +21,7 @@ from trainables.knowledge import Knowledge
 from trainables.learners.step_learner import StepLearner
 from trainables.storage import checkpoint
 from trainables.training.cell_run import run_cell
-from trainables.training.end_states import EndStates, can_continue, name_of, why_anew
+from trainables.training.end_states import EndStates, name_of, why_anew
 from trainables.training.messages import Outcome
 from trainables.training.source_knowledge import source_knowledge
 from trainables.training.train import train
@@ -79,9 +79,9 @@ def test_a_continued_cell_has_the_bits_and_the_knowledge_of_one_from_scratch(
     anew = ran(longer, None, tmp_path, known)
     again = ran(longer, keeping(tmp_path, short), tmp_path, known)
     assert (again.digest, again.knowledge) == (anew.digest, anew.knowledge)
-    assert again.continued == (episodes if can_continue(short) else 0)
-    assert (tmp_path / "states" / name_of(short)).exists() == can_continue(short)
-    assert can_continue(short) == ("auto" not in name and "fading" not in name)
+    assert again.continued == (0 if why_anew(short) else episodes)
+    assert (tmp_path / "states" / name_of(short)).exists() == (not why_anew(short))
+    assert bool(why_anew(short)) == ("auto" in name or "fading" in name)
 
 
 @given(st.integers(1, 4), st.lists(st.integers(1, 4), min_size=1, max_size=3), st.sampled_from(["ppr", "delta_gate"]))

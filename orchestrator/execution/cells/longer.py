@@ -78,20 +78,20 @@ class _Ended:
 
     def shorter(self, cell: Cell) -> list[Cell]:
         """Return those that differ from a cell only in having fewer episodes, the longest first."""
-        if self._least >= _episodes(cell):
+        if self._least >= cell.episodes:
             return []
-        alike = [each for each in self._by_lineage.get(cell.lineage, ()) if _episodes(each) < _episodes(cell)]
-        return sorted(alike, key=_episodes, reverse=True)
+        alike = [each for each in self._by_lineage.get(cell.lineage, ()) if each.episodes < cell.episodes]
+        return sorted(alike, key=lambda each: each.episodes, reverse=True)
 
     def with_another_source(self, cell: Cell) -> bool:
         """Return whether one of them differs from a cell only in having fewer episodes and another source network."""
-        if not cell.sources or self._least >= _episodes(cell):
+        if not cell.sources or self._least >= cell.episodes:
             return False
-        return self._but_source.get(_but_source(cell), _episodes(cell)) < _episodes(cell)
+        return self._but_source.get(_but_source(cell), cell.episodes) < cell.episodes
 
     @functools.cached_property
     def _least(self) -> int:
-        return min(map(_episodes, self.cells))
+        return min(cell.episodes for cell in self.cells)
 
     @functools.cached_property
     def _by_lineage(self) -> dict[str, list[Cell]]:
@@ -106,7 +106,7 @@ class _Ended:
         found: dict[str, int] = {}
         for cell in self.cells:
             key = _but_source(cell)
-            found[key] = min(_episodes(cell), found.get(key, _episodes(cell)))
+            found[key] = min(cell.episodes, found.get(key, cell.episodes))
         return found
 
 
@@ -134,7 +134,7 @@ class Shorter:
                 places = known.setdefault(cell.lineage, [])
                 places += [found] if found not in places else []
                 before[cell.id] = found[0]
-                episodes += cell.settings.episodes
+                episodes += cell.episodes
         return Found(Longer(len(before), episodes, sum(before.values()), dict(anew)), known, before)
 
     def of_kinds(self, kinds: set[tuple[str, str]]) -> Places:
@@ -143,7 +143,7 @@ class Shorter:
         for head in self._heads.values():
             cell = head.cell
             if (cell.agent, cell.task) in kinds and head.status == "done" and not self._unusable(cell):
-                known[cell.lineage].append((cell.settings.episodes, str(self._folder / name_of(cell))))
+                known[cell.lineage].append((cell.episodes, str(self._folder / name_of(cell))))
         return dict(known)
 
     def outgrown(self, cells: Iterable[Cell], known: Places) -> list[Path]:
@@ -153,7 +153,7 @@ class Shorter:
             head = self._heads.get(cell.id)
             if head is None or head.status != "done" or not known.get(cell.lineage) or self._unusable(cell):
                 continue
-            shorter = [Path(path).name for count, path in known[cell.lineage] if count < cell.settings.episodes]
+            shorter = [Path(path).name for count, path in known[cell.lineage] if count < cell.episodes]
             found |= {name: self._folder / name for name in shorter if name in self._states()}
         return list(found.values())
 
@@ -163,7 +163,7 @@ class Shorter:
         alike = group.shorter(cell) if group else []
         whys = [(self._unusable(each), each) for each in alike]
         here = next((each for why, each in whys if not why), None)
-        longest = _episodes(here) if here else 0
+        longest = here.episodes if here else 0
         for episodes, path in sorted(self._elsewhere_of(cell), key=lambda place: -place[0]):
             sibling = cell.with_episodes(episodes)
             usable = episodes > longest and not why_anew(sibling)
@@ -208,7 +208,7 @@ class Shorter:
                         self._elsewhere[parts[1]].append((int(parts[2]), folder / name))
         if not self._elsewhere:
             return []
-        return [place for place in self._elsewhere.get(cell.lineage, []) if place[0] < _episodes(cell)]
+        return [place for place in self._elsewhere.get(cell.lineage, []) if place[0] < cell.episodes]
 
 
 def _names(folder: Path) -> set[str]:
@@ -218,10 +218,6 @@ def _names(folder: Path) -> set[str]:
     except Exception as error:  # each protocol's package raises different errors
         log.warning("cannot list the end states in %s: %s", folder, error)
         return set()
-
-
-def _episodes(cell: Cell) -> int:
-    return int(cell.hyperparameters["episodes"])
 
 
 def _but_source(cell: Cell) -> str:

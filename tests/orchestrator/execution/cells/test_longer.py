@@ -14,8 +14,8 @@ import yaml
 from conftest import LOCAL, SPACE, timeless
 from rich.console import Console
 
+from orchestrator.execution.cells.longer import NO_STATE, OTHER_SOURCE, OTHER_VERSIONS
 from orchestrator.execution.forecast import Forecast, forecast
-from orchestrator.execution.longer import NO_STATE, OTHER_SOURCE, OTHER_VERSIONS
 from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run
 from orchestrator.results import other_sweeps
@@ -243,7 +243,7 @@ def test_a_storage_that_does_not_answer_costs_the_saving_and_not_the_sweep(
         remove_file(path)
 
     remove_file = disk.remove
-    target = "orchestrator.execution.longer.sizes" if what == "list" else "trainables.storage.disk.remove"
+    target = "orchestrator.execution.cells.longer.sizes" if what == "list" else "trainables.storage.disk.remove"
     monkeypatch.setattr(target, silent)
     results, summary, _ = swept(tmp_path / "a", grid(60))
     assert (summary.ran, summary.continued) == (8, 0 if what == "list" else 8)

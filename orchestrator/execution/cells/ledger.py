@@ -8,8 +8,9 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from orchestrator import clock
-from orchestrator.execution.longer import Places, Shorter
-from orchestrator.execution.settings import LIBRARY, Reuse
+from orchestrator.execution.cells.longer import Places, Shorter
+from orchestrator.execution.defaults import Reuse
+from orchestrator.execution.settings import LIBRARY
 from orchestrator.planning.arms import Arm, labels_of
 from orchestrator.planning.source_choice import SourceRun
 from orchestrator.results.checked_json import DamagedError
