@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 from unittest import mock
 
-from orchestrator.execution import ledger, work_queue
+from orchestrator.execution import work_queue
+from orchestrator.execution.cells import ledger
 from orchestrator.results import lock
 from orchestrator.results.records import record_log
 from orchestrator.sources import library
