@@ -27,13 +27,15 @@ docs: setup
 test: setup
 	$(BIN)/python -m pytest $(GROUPED)
 
-# A loop of under two minutes: nothing that takes long, or starts Ray or a browser.
+# A loop of about a minute: nothing that takes long, or starts Ray or a browser.
 test-fast: PROCESSES = 2
 test-fast: setup
 	$(BIN)/python -m pytest $(GROUPED) -m 'not (slow or long or ray or cluster or browser)'
 
+# Several nodes, servers that are killed, other Pythons, MLflow in a browser, and at length what `test` does once.
 test-slow: setup
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m 'slow and not cluster' --durations=0
+	$(BIN)/python -m pytest -m 'slow and cluster' --durations=0
 
 lint: setup
 	$(BIN)/ruff check .

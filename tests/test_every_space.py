@@ -230,13 +230,20 @@ def doubled(small: SearchSpace) -> SearchSpace:
     return parse(small.name, data)
 
 
+ALL_AGENTS = ("baselines", "choose-source", *CUSTOM)
+"""Spaces that have every built-in agent between them, and custom code."""
+
+
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    "name", [*ALL_AGENTS, *(pytest.param(n, marks=pytest.mark.slow) for n in built_in() if n not in ALL_AGENTS)]
+)
 def test_twice_as_many_episodes_continue_every_agent_of_every_space_to_the_bits_of_a_replay(
-    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("orchestrator.execution.forecast.measure", functools.partial(measure, seconds=0.01))
     monkeypatch.setattr("orchestrator.execution.stage.LEAST_SECONDS", 0.0)
-    small = miniature(space)
+    small = miniature(loaded(name, tmp_path))
     results = Results.create(tmp_path, small.name, small)
     run(results, LOCAL, Console(quiet=True))
     before = results.plan()
@@ -278,7 +285,7 @@ def test_a_sequential_test_compares_every_agent_of_every_space_with_what_it_buil
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.usefixtures("quick_figures")
-@pytest.mark.parametrize("name", ["demo", "smoke-table1", *CUSTOM])
+@pytest.mark.parametrize("name", ["demo", pytest.param("smoke-table1", marks=pytest.mark.slow), *CUSTOM])
 def test_a_sequential_test_over_seeds_goes_from_forecast_to_replay(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -318,8 +325,19 @@ FEW = ("q_learning", "delta_gate", "dqn", "delta_es")
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.usefixtures("quick_figures")
-@pytest.mark.parametrize("pick", ["each", "ranked"])
-@pytest.mark.parametrize("name", ["demo", "smoke-table1", *CUSTOM])
+@pytest.mark.parametrize(
+    ("name", "pick"),
+    [
+        ("demo", "each"),
+        ("custom-agent", "each"),
+        ("custom-task", "ranked"),
+        pytest.param("demo", "ranked", marks=pytest.mark.slow),
+        pytest.param("custom-agent", "ranked", marks=pytest.mark.slow),
+        pytest.param("custom-task", "each", marks=pytest.mark.slow),
+        pytest.param("smoke-table1", "each", marks=pytest.mark.slow),
+        pytest.param("smoke-table1", "ranked", marks=pytest.mark.slow),
+    ],
+)
 def test_several_source_networks_go_from_forecast_to_replay(
     name: str, pick: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

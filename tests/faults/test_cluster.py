@@ -25,7 +25,6 @@ from orchestrator.results.sweep_folder import Results
 from tests.deltatune.cli.in_process import command
 from tests.faults.ray_cluster import NODES, TOKEN, Cluster
 
-pytestmark = pytest.mark.cluster
 pytest.importorskip("ray.dashboard.optional_deps", reason="needs ray[default]")
 pytest.importorskip("aiohttp_cors", reason="needs ray[default]")
 
@@ -81,6 +80,8 @@ def test_a_job_takes_the_files_along_that_its_command_names(tmp_path: Path) -> N
     assert not any(path.exists() for path in head.files.values()), "what was sent is cleaned up"
 
 
+@pytest.mark.cluster
+@pytest.mark.slow
 def test_a_joined_sweep_survives_a_node_and_keeps_no_checkpoints_in_a_folder_that_another_node_does_not_see(
     calm: Path, tmp_path: Path, cluster: Cluster
 ) -> None:
@@ -103,6 +104,8 @@ def test_a_joined_sweep_survives_a_node_and_keeps_no_checkpoints_in_a_folder_tha
     assert_same(storage, calm)
 
 
+@pytest.mark.cluster
+@pytest.mark.slow
 def test_a_submitted_sweep_survives_its_shell_and_a_node(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
     cluster.grow(2)
     shell = submit(cluster, tmp_path / "space.yaml", tmp_path, **LONGER)
@@ -133,6 +136,8 @@ main()
 """A driver that joins the cluster from another machine than the head's: Ray ends it at once if its own node is lost."""
 
 
+@pytest.mark.cluster
+@pytest.mark.slow
 def test_a_joined_sweep_is_told_of_the_loss_of_its_head(calm: Path, tmp_path: Path, cluster: Cluster) -> None:
     cluster.grow(1)
     words = ("--no-mlflow", "--address", cluster.address)

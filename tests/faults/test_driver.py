@@ -21,7 +21,7 @@ from trainables.storage import checkpoint
 @pytest.mark.parametrize(
     ("number", "words"),
     [
-        pytest.param(signal.SIGTERM, (), id="ray", marks=pytest.mark.ray),
+        pytest.param(signal.SIGTERM, (), id="ray", marks=[pytest.mark.ray, pytest.mark.slow]),
         pytest.param(signal.SIGINT, ("--local", "--workers", "2"), id="processes"),
         pytest.param(signal.SIGINT, ("--local", "--workers", "1"), id="in-process"),
     ],

@@ -114,6 +114,7 @@ def proxy(server: TrackingServer, secret: str = "") -> Iterator[str]:
         door.shutdown()
 
 
+@pytest.mark.slow
 def test_a_server_that_is_killed_and_comes_back_has_everything(
     server: TrackingServer, finished: Path, tmp_path: Path
 ) -> None:
@@ -130,6 +131,7 @@ def test_a_server_that_is_killed_and_comes_back_has_everything(
     assert_same(tmp_path, finished)
 
 
+@pytest.mark.slow
 def test_a_server_that_is_gone_for_the_rest_of_the_sweep_is_made_good_for_by_sync(
     server: TrackingServer, tmp_path: Path
 ) -> None:

@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import pytest
 import yaml
 from conftest import timeless
 from harness import PATIENCE, space, sweep
@@ -26,6 +27,7 @@ LOCKED_SECONDS = 3.0
 FEW = {"seeds": 1, "agents": {"q_learning": {}, "policy_reuse": {}}}
 
 
+@pytest.mark.slow
 def test_two_sweeps_of_one_storage_with_a_store_that_others_write_to(tmp_path: Path) -> None:
     """Both train the same sources, make MLflow's database at the same moment, and are synchronised while they run."""
     storage, file = tmp_path / "storage", tmp_path / "small.yaml"

@@ -156,6 +156,7 @@ ONE_LOSS = ("-c", f"from orchestrator.execution import work_queue; work_queue.MA
 """A driver that gives a cell one worker."""
 
 
+@pytest.mark.slow
 @pytest.mark.ray
 def test_a_node_that_is_out_of_memory_is_said_to_be_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RAY_memory_usage_threshold", "0.01")

@@ -23,6 +23,10 @@ Table = NDArray[np.float64]
 """(sources, seeds)"""
 
 
+BY = ["source_cell", "seed"]
+"""The columns that say which source network and which seed a cell has."""
+
+
 def rectangle(cells: pd.DataFrame, column: str) -> Table:
     """Return a column of cells by their source network (rows) and seed, as (sources, seeds).
 
@@ -31,8 +35,8 @@ def rectangle(cells: pd.DataFrame, column: str) -> Table:
     the seeds that all of them have.
     """
     if not cells["seed"].duplicated().any():
-        return cells.sort_values("seed")[[column]].to_numpy(np.float64).T
-    numbers = cells.assign(**{column: cells[column].astype(np.float64)})
+        return cells[column].to_numpy(np.float64)[None, np.argsort(cells["seed"].to_numpy(), kind="stable")]
+    numbers = cells[BY].assign(**{column: cells[column].astype(np.float64)})
     table = numbers.pivot_table(index="source_cell", columns="seed", values=column, sort=True)
     whole = table.dropna()
     return (whole if len(whole) > 1 else table.dropna(axis=1)).to_numpy(np.float64)

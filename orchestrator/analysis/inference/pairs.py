@@ -32,4 +32,4 @@ def difference(pairs: pd.DataFrame, column: str) -> Estimate | None:
     if not len(pairs) or not set(names) <= set(pairs) or pairs[names].isna().any(axis=None):
         return None
     gaps = statistics.differences(list(pairs[column]), list(pairs[names[1]]))
-    return crossed.mean(crossed.rectangle(pairs.assign(gap=gaps), "gap"))
+    return crossed.mean(crossed.rectangle(pairs.reindex(columns=crossed.BY).assign(gap=gaps), "gap"))

@@ -148,6 +148,7 @@ def test_a_full_disk_costs_the_checkpoint_and_not_the_cell(tmp_path: Path, monke
     assert cell_run.run_cell(small(), lambda cell: None, checkpoints=tmp_path, checkpoint_seconds=0).status == "done"
 
 
+@pytest.mark.slow  # tests/faults/test_workers.py does the same with cells of tabular agents
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds the worker in /proc")
 def test_a_killed_worker_is_replaced_and_the_table_is_the_same(
     swept: Results, tmp_path: Path, ray_session: None

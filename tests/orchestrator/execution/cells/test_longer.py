@@ -98,7 +98,12 @@ def expected(results: Results, stage: str | None = None) -> set[str]:
 
 @pytest.mark.parametrize(
     ("settings", "space"),
-    [(LOCAL, grid), (LOCAL, cart), (POOL, grid), pytest.param(Settings(), cart, marks=pytest.mark.ray)],
+    [
+        (LOCAL, grid),
+        (LOCAL, cart),
+        (POOL, grid),
+        pytest.param(Settings(), cart, marks=[pytest.mark.ray, pytest.mark.slow]),
+    ],
     ids=["in process", "in process, deep", "processes", "Ray, deep"],
 )
 def test_twice_as_many_episodes_continue_with_the_bits_of_a_sweep_from_scratch(
