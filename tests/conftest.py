@@ -140,6 +140,11 @@ LONG = (
     "test_end_states",
     "test_exact_delta",
     "test_mlflow_inputs",
+    "test_bench",
+    "test_published",
+    "test_double_dqn",
+    "test_mutated_sources",
+    "test_system_metrics",
 )
 """Groups of tests that take longest: they begin first, in this order, and `make test-fast` leaves them out."""
 

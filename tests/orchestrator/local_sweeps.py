@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
 from conftest import SPACE
 from rich.console import Console
 
@@ -17,9 +16,6 @@ from search_spaces.search_space import SearchSpace
 
 LOCAL = Settings(local=True, workers=1)
 POOL = Settings(local=True, workers=2)
-
-OTHER_EXECUTORS = [pytest.param(Settings(), id="ray", marks=pytest.mark.ray), pytest.param(POOL, id="processes")]
-"""The settings of the executors beside the one of LOCAL."""
 
 
 def space(**changes: Any) -> SearchSpace:

@@ -23,7 +23,7 @@ from orchestrator.execution.sweep import run
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
 from search_spaces.search_space import SearchSpace
-from tests.orchestrator.local_sweeps import OTHER_EXECUTORS, swept
+from tests.orchestrator.local_sweeps import POOL, swept
 
 AUTO = {"auto": {"group": 3, "max": 9, "alpha": 0.2}}
 AGENTS: dict[str, dict[str, Any]] = {"q_learning": {}, "policy_reuse": {}, "ppr": {}, "delta_gate": {}}
@@ -79,7 +79,10 @@ def test_the_cells_are_among_those_of_fixed_seeds_and_the_decisions_depend_on_th
     assert find(fixed).decisions == findings.decisions
 
 
-@pytest.mark.parametrize("settings", OTHER_EXECUTORS)
+@pytest.mark.parametrize(
+    "settings",
+    [pytest.param(Settings(), id="ray", marks=[pytest.mark.ray, pytest.mark.slow]), pytest.param(POOL, id="processes")],
+)
 def test_all_executors_come_to_the_same_cells(
     results: Results, tmp_path: Path, settings: Settings, request: pytest.FixtureRequest
 ) -> None:

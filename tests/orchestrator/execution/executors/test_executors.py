@@ -26,7 +26,7 @@ from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import run
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
-from tests.orchestrator.local_sweeps import OTHER_EXECUTORS, POOL
+from tests.orchestrator.local_sweeps import POOL
 from tests.small_figures import ROOT
 
 WITHOUT_RAY = """
@@ -57,7 +57,9 @@ def files(storage: Path) -> set[str]:
     return {str(path.relative_to(storage)) for path in paths}
 
 
-@pytest.mark.parametrize("settings", OTHER_EXECUTORS)
+@pytest.mark.parametrize(
+    "settings", [pytest.param(Settings(), id="ray", marks=pytest.mark.ray), pytest.param(POOL, id="processes")]
+)
 def test_all_executors_give_the_same_bits_and_files(
     finished: Path, tmp_path: Path, settings: Settings, request: pytest.FixtureRequest
 ) -> None:
