@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from trainables.agents.registry import AGENTS, agent_named
@@ -69,6 +69,14 @@ _FREE = [name for name in PALETTE if name not in _NAMED.values()]
 _ASSIGNED: dict[str, int] = {}
 """The agents without a look in the sweep that is drawn, in the order of its legends."""
 
+_FIXED: dict[str, str] = {}
+"""The looks that another process has given to agents, whose code may be unknown here."""
+
+
+def fix(looks: Mapping[str, str]) -> None:
+    """Draw these agents by looks of these names."""
+    _FIXED.update(looks)
+
 
 def assign(agents: Iterable[str]) -> None:
     """Prepare to draw a sweep of these agents: those without a look get one each, in this order."""
@@ -79,6 +87,8 @@ def assign(agents: Iterable[str]) -> None:
 
 def key(agent: str) -> str:
     """Return the name of an agent's look, the same in every figure of a sweep."""
+    if agent in _FIXED:
+        return _FIXED[agent]
     named = _NAMED.get(agent) or (agent_named(agent).look if names.is_custom(agent) else "")
     return named if named in PALETTE else _FREE[_ASSIGNED.setdefault(agent, len(_ASSIGNED)) % len(_FREE)]
 

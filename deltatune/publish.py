@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import TypeVar
 
-from dashboards.draw import draw
+from dashboards.draw import begin
+from dashboards.renderers.drawing_process import DrawingProcess
 from orchestrator.analysis.contrasts.decisions import number_table as decision_numbers
 from orchestrator.analysis.contrasts.table import number_table as contrast_numbers
 from orchestrator.analysis.findings import Findings, find
@@ -18,6 +22,8 @@ from trainables.errors import InputError
 from trainables.storage.folders import staged_folder
 
 log = logging.getLogger("deltatune.publish")
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -34,40 +40,84 @@ class Published:
     """What could not be drawn and why, in sentences. Tables and records are complete without it."""
 
 
-def publish(results: Results) -> Published:
-    """Write a sweep's tables, best.yaml, figures and report.
+class Publication:
+    """What a sweep publishes: all but the figures is written at once, while another process may draw those.
 
     table.csv has a row of text per configuration, configurations.csv the same as numbers in full precision,
     contrasts.csv the differences between agents, decisions.csv what a sequential test over seeds has decided. Tables
     and best.yaml come first; a figure that cannot be drawn affects no other file.
     """
-    findings = find(results, results.write_tables())
-    table = text_table(findings.groups)
-    there, missing = results.folder, list[str]()
-    with staged_folder(there) as folder:
-        table.to_csv(folder / "table.csv", index=False)
-        number_table(findings.groups).to_csv(folder / "configurations.csv", index=False)
-        contrast_numbers(findings.contrasts).to_csv(folder / "contrasts.csv", index=False)
-        if findings.decisions:
-            decision_numbers(findings.decisions).to_csv(folder / "decisions.csv", index=False)
-        best: Path | None = there / "best.yaml"
+
+    def __init__(self, results: Results, artist: DrawingProcess | None = None) -> None:
+        """artist: draws the figures; None: this process does, when they are waited for."""
+        self.findings = find(results, results.write_tables())
+        self._results, self._stack = results, ExitStack()
+        self._missing = list[str]()
+        self._published: Published | None = None
+        self._failure: BaseException | None = None
+        self._folder = self._stack.enter_context(staged_folder(results.folder))
+        _write_tables(self.findings, self._folder)
+        self._best: Path | None = results.folder / "best.yaml"
         try:
-            write_best(findings, folder / "best.yaml")
+            write_best(self.findings, self._folder / "best.yaml")
         except InputError:
-            best = None
-        drawn: list[Path] = []
+            self._best = None
+        self._figures = self._drawn(lambda: begin(self.findings, self._folder, missing=self._missing, artist=artist))
+
+    def published(self) -> Published:
+        """Wait for the figures, and return all that was published, or raise what prevented it, once and again."""
+        if self._failure is not None:
+            raise self._failure
         try:
-            drawn = draw(findings, folder, missing=missing)
+            self._published = self._published or self._end()
+        except BaseException as error:
+            self._failure = error
+            raise
+        return self._published
+
+    def _end(self) -> Published:
+        figures, there = self._figures, self._results.folder
+        drawn = (figures and self._drawn(figures)) or []
+        files = [there / path.relative_to(self._folder).as_posix() for path in drawn]
+        self._stack.close()
+        report = files[0] if files else None
+        return Published(self.findings, report, files[1:], self._best, self._missing)
+
+    def artifacts(self) -> Iterator[Path]:
+        """Yield the files that MLflow keeps as artifacts, once all are written."""
+        self.published()
+        yield from artifacts(self._results)
+
+    def _drawn(self, work: Callable[[], T]) -> T | None:
+        """Do a part of the drawing; return None where that fails."""
+        try:
+            return work()
         except Exception as error:
             log.exception("the report could not be drawn")
-            missing.append(f"report ({type(error).__name__}: {error})")
-        files = [there / path.relative_to(folder).as_posix() for path in drawn]
-    return Published(findings, files[0] if files else None, files[1:], best, missing)
+            self._missing.append(f"report ({type(error).__name__}: {error})")
+            return None
 
 
-def load() -> None:
-    """Import the modules that `publish` needs, which takes seconds the first time."""
-    for module in ("dashboards.renderers.matplotlib_renderer", "dashboards.report.sections"):
+def publish(results: Results) -> Published:
+    """Write a sweep's tables, best.yaml, figures and report; see Publication."""
+    return Publication(results).published()
+
+
+def _write_tables(findings: Findings, folder: Path) -> None:
+    """Write the tables of configurations, contrasts and decisions as CSV."""
+    text_table(findings.groups).to_csv(folder / "table.csv", index=False)
+    number_table(findings.groups).to_csv(folder / "configurations.csv", index=False)
+    contrast_numbers(findings.contrasts).to_csv(folder / "contrasts.csv", index=False)
+    if findings.decisions:
+        decision_numbers(findings.decisions).to_csv(folder / "decisions.csv", index=False)
+
+
+def load(artist: DrawingProcess | None = None) -> None:
+    """Import the modules that publishing needs, which takes seconds the first time. artist: start it too."""
+    if artist is not None:
+        artist.start()
+    drawing = () if artist else ("dashboards.renderers.matplotlib_renderer",)
+    for module in ("pyarrow.dataset", "orchestrator.results.tables.parquet", "dashboards.report.sections", *drawing):
         import_module(module)
 
 

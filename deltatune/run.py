@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from rich.console import Console
 
-from deltatune.publish import artifacts, publish
+from dashboards.renderers.drawing_process import DrawingProcess
+from deltatune.publish import Publication
 from deltatune.publish import load as load_renderers
 from deltatune.sweep_results import SweepResults
 from orchestrator.errors import InterruptedSweepError
@@ -75,11 +76,13 @@ def sweep(
     if said := few_evaluations_in(chosen):
         console.print(said, style="yellow", soft_wrap=True)
     name = chosen.name if name is None else name
-    with SweepSession.open(folder, name, chosen, tracking_uri=uri, console=console) as session:
-        if session.run(settings, meanwhile=load_renderers).left:
+    opened = SweepSession.open(folder, name, chosen, tracking_uri=uri, console=console)
+    with opened as session, DrawingProcess() as artist:
+        if session.run(settings, meanwhile=lambda: load_renderers(artist)).left:
             raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to continue")
-        published = publish(session.results)
-        session.finish(published.findings, artifacts(session.results))
+        publication = Publication(session.results, artist)
+        session.finish(publication.findings, publication.artifacts())
+        publication.published()
     return SweepResults(session.results)
 
 

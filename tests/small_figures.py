@@ -30,9 +30,10 @@ def _save(_: Any, folder: Path, name: str) -> list[Path]:
 @contextlib.contextmanager
 def small_figures() -> Iterator[None]:
     """Write a pixel in place of each figure: to draw them takes most of the time that a report takes."""
-    from dashboards.renderers import matplotlib_renderer
+    from dashboards.renderers import drawing_process, matplotlib_renderer
 
-    with mock.patch.object(matplotlib_renderer, "_save", _save):
+    here = mock.patch.object(drawing_process.DrawingProcess, "start")
+    with mock.patch.object(matplotlib_renderer, "_save", _save), here:
         yield
 
 

@@ -24,6 +24,7 @@ from deltatune.cli.commands import (
     sweeps,
 )
 from deltatune.cli.streams import Streams
+from trainables.collector import collect_seldom
 from trainables.errors import InputError, from_validation
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
 
 def main() -> None:
     """Run the command line. Bad input is one sentence and exit code 2; a failing output stream stops no work."""
+    collect_seldom()
     streams = Streams()
     try:
         code = _run()

@@ -8,9 +8,10 @@ from typing import Any, NoReturn
 
 import typer
 
+from dashboards.renderers.drawing_process import DrawingProcess
 from deltatune.cli.app import err, out, print_json, print_named, program
 from deltatune.cli.tables import confirmed_table, contrast_table, decision_table, group_table
-from deltatune.publish import Published, artifacts, publish
+from deltatune.publish import Publication, Published
 from orchestrator.analysis.contrasts.decisions import numbers
 from orchestrator.analysis.contrasts.table import caption
 from orchestrator.analysis.findings import Findings
@@ -25,13 +26,14 @@ from orchestrator.tracking.uri import shown
 from trainables.agents.registry import agent_named
 
 
-def report(session: SweepSession, tally: RunSummary, as_json: bool) -> None:
-    """Publish a finished sweep, and print its best configurations and where its files are."""
+def report(session: SweepSession, tally: RunSummary, as_json: bool, artist: DrawingProcess) -> None:
+    """Publish a finished sweep, and print its best configurations and where its files are. artist: draws figures."""
     started, results, tracker = time.monotonic(), session.results, session.tracker
     console = err if as_json else out
     with console.status("tables, figures and MLflow"):
-        published = publish(results)
-        sources = session.finish(published.findings, artifacts(results))
+        publication = Publication(results, artist)
+        sources = session.finish(publication.findings, publication.artifacts())
+        published = publication.published()
     after = time.monotonic() - started
     if as_json:
         print_json(_summary(results, tally, published, tracker, after) | {"sources": sources})

@@ -16,9 +16,10 @@ from orchestrator.cluster import ending
 from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepError
 from orchestrator.execution.interrupt import stop_now
 from orchestrator.execution.settings import RunSummary, Settings
-from orchestrator.execution.sweep import run_held
+from orchestrator.execution.sweep import foresee, run_held
 from orchestrator.model_registry import pretrained
 from orchestrator.planning.extras import require_extras
+from orchestrator.planning.plan import SOURCE
 from orchestrator.results.driver_log import logging_to
 from orchestrator.results.lock import Hold, locked
 from orchestrator.results.records.record import Record
@@ -84,9 +85,14 @@ class SweepSession:
         """
         begun: list[threading.Thread] = []
 
+        def ahead(stage: str) -> None:
+            if stage == SOURCE:
+                _quietly(lambda: foresee(self.results.space(), settings))
+            _quietly(meanwhile)
+
         def record(stage: str, record: Record) -> None:
             if not begun:
-                begun.append(threading.Thread(target=_quietly, args=(meanwhile,), name="meanwhile", daemon=True))
+                begun.append(threading.Thread(target=ahead, args=(stage,), name="meanwhile", daemon=True))
                 begun[0].start()
             if self.tracker:
                 self.tracker.record(stage, record)

@@ -34,6 +34,7 @@ from orchestrator.results.lock import locked
 from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
+from trainables.training.source_knowledge import exact_source
 
 STAGES = (SOURCE, TRANSFER, *CONFIRMATION)
 
@@ -181,6 +182,20 @@ class _Sweep:
         missing = [cell for cell in cells if not ledger.ended(cell, keep)]
         last = stage == (CONFIRM if self._space.confirm else TRANSFER)
         return Work(stage, sound, missing, keep, whole=stage in CONFIRMATION, followed=not last)
+
+
+def foresee(space: SearchSpace, settings: Settings) -> None:
+    """Compute the exact sources that the transfers will ask for; each is computed once in a process."""
+    choices = settle(source_arms(space, settings.params), settings.pretrained, _untrained)
+    cells = [cell for arm in transfer_arms(space, choices, settings.params) for cell in arm.some_cells()]
+    exact = {
+        (source.task, float(cell.hyperparameters["gamma"]))
+        for cell in cells
+        for source in cell.sources
+        if source.kind == "exact"
+    }
+    for task, gamma in exact:
+        exact_source(task, gamma)
 
 
 def _untrained(arm: Arm) -> SourceChoice:

@@ -11,6 +11,7 @@ import ray
 from ray import tune
 
 from trainables.cell import Cell
+from trainables.collector import collect_seldom
 from trainables.numerics.threads import one_thread
 from trainables.plugins import loader
 from trainables.storage.paths import storage_path
@@ -32,6 +33,7 @@ def run_cells(config: Config) -> None:
     side by side, with `evaluations` and `score` for a scheduler in the reports. Each report has the key `report`,
     which the sweep's callback processes. config["hold"], alone: hold the worker for so many seconds.
     """
+    collect_seldom()
     from trainables.learners.learner import prepare
     from trainables.training.worker import StopFile, forwarded_log, run_pack
 

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from trainables.cell import Cell
+from trainables.collector import collect_seldom
 from trainables.learners.learner import prepare
 from trainables.numerics.threads import one_thread
 from trainables.plugins import loader
@@ -49,6 +50,7 @@ class PackStoppedError(Exception):
 
 def main() -> None:
     """Run the packs that arrive on the socket, whose descriptor is the first argument, until it closes."""
+    collect_seldom()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver handles Ctrl-C, and passes it on by the stop file
     connection = Connection(int(sys.argv[1]))
     try:

@@ -12,6 +12,7 @@ from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, TrackingUri, ap
 from orchestrator.execution.defaults import CHECKPOINT_SECONDS, KEEP_STATES
 
 if TYPE_CHECKING:
+    from dashboards.renderers.drawing_process import DrawingProcess
     from orchestrator.execution.session import SweepSession
     from orchestrator.execution.settings import Settings
     from orchestrator.planning.arms import Params
@@ -112,12 +113,15 @@ def sweep(
 
 def _run(session: SweepSession, how: Settings, as_json: bool) -> None:
     """Run the missing cells of a sweep; publish and print what it found, or that it was interrupted."""
-    tally = session.run(how, meanwhile=_load_report)
-    from deltatune.cli.sweep_report import interrupted, report
+    from dashboards.renderers.drawing_process import DrawingProcess
 
-    if tally.left:
-        interrupted(session, tally, as_json)
-    report(session, tally, as_json)
+    with DrawingProcess() as artist:
+        tally = session.run(how, meanwhile=lambda: _load_report(artist))
+        from deltatune.cli.sweep_report import interrupted, report
+
+        if tally.left:
+            interrupted(session, tally, as_json)
+        report(session, tally, as_json, artist)
 
 
 def _seeds(text: str | None) -> int | Literal["auto"] | None:
@@ -152,11 +156,11 @@ def _warn(space: SearchSpace, params: Path | None, settled: Params) -> None:
             err.print(warning, style="yellow", soft_wrap=True)
 
 
-def _load_report() -> None:
+def _load_report(artist: DrawingProcess) -> None:
     """Import what publishing needs, while the driver waits for the cells."""
     from deltatune.publish import load
 
-    load()
+    load(artist)
 
 
 def wanted_space(text: str) -> SearchSpace:

@@ -200,7 +200,7 @@ def test_a_report_that_cannot_be_drawn_costs_no_table(done: Path, monkeypatch: p
 
     for name in ("best.yaml", "table.csv", "configurations.csv", "cells.parquet"):
         (done / "small" / name).unlink(missing_ok=True)
-    monkeypatch.setattr(publish, "draw", broken)
+    monkeypatch.setattr(publish, "begin", broken)
     published = publish.publish(Results.open(done, "small"))
     assert (published.report, published.missing) == (None, ["report (MemoryError: )"])
     for name in ("best.yaml", "table.csv", "configurations.csv", "cells.parquet"):
