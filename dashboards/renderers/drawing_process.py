@@ -76,8 +76,10 @@ class DrawingProcess:
 
     def draw(self, figure: Figure, sweep: str, folder: Path) -> Drawn:
         """Begin to draw a figure, as `matplotlib_renderer.draw` does; without a process it is drawn by the waiting."""
+        if isinstance(figure, Absent):
+            return list
         connection, order = self._connection, _Order(figure, sweep, folder, _looks(figure))
-        if connection is None or isinstance(figure, Absent):
+        if connection is None:
             return lambda: _draw(order)
         with contextlib.suppress(OSError):  # it is gone, as the answer says too
             connection.send(order)
