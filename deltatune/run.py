@@ -55,21 +55,10 @@ def sweep(
     Raises InputError for bad input, before any work; SweepError for one that stopped (finished cells are kept).
     """
     folder = storage_path(storage or default_storage())
-    chosen = narrow(
-        _space(space),
-        tasks=tasks,
-        agents=agents,
-        seeds=seeds,
-        confirm=confirm,
-        hyperparameters=dict(hyperparameters or {}),
-    )
+    fixed = dict(hyperparameters or {})
+    chosen = narrow(_space(space), tasks=tasks, agents=agents, seeds=seeds, confirm=confirm, hyperparameters=fixed)
     settings = Settings(
-        workers=workers,
-        address=address,
-        local=local,
-        retry_failed=retry_failed,
-        reuse=reuse,
-        keep_states=keep_states,
+        workers=workers, address=address, local=local, retry_failed=retry_failed, reuse=reuse, keep_states=keep_states
     )
     uri = store_uri(folder, tracking_uri) if mlflow else None
     console = Console(stderr=True, quiet=not progress, highlight=False, markup=False)
@@ -78,11 +67,16 @@ def sweep(
     name = chosen.name if name is None else name
     opened = SweepSession.open(folder, name, chosen, tracking_uri=uri, console=console)
     with opened as session, DrawingProcess() as artist:
-        if session.run(settings, meanwhile=lambda: load_renderers(artist)).left:
-            raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to continue")
-        publication = Publication(session.results, artist)
-        session.finish(publication.findings, publication.artifacts())
-        publication.published()
+        return _run(session, settings, artist)
+
+
+def _run(session: SweepSession, settings: Settings, artist: DrawingProcess) -> SweepResults:
+    """Run the missing cells of a sweep and publish it. Raises InterruptedSweepError where cells are left."""
+    if session.run(settings, meanwhile=lambda: load_renderers(artist)).left:
+        raise InterruptedSweepError(f"the sweep {session.results.name} was interrupted: call it again to continue")
+    publication = Publication(session.results, artist)
+    session.finish(publication.findings, publication.artifacts())
+    publication.published()
     return SweepResults(session.results)
 
 

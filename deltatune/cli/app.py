@@ -78,9 +78,6 @@ RUN_PANEL, RESULT_PANEL, CATALOGUE_PANEL, CUSTOM_PANEL, CLUSTER_PANEL = (
 )
 """Groups of commands in the help."""
 
-PACKAGES = ("deltatune", "dashboards", "orchestrator", "search_spaces", "trainables")
-"""Whose logs `--verbose` shows."""
-
 
 def _console(stderr: bool) -> Console:
     """Return a console; where its stream is no terminal, lines may be 160 columns wide."""
@@ -109,6 +106,9 @@ TrackingUri = Annotated[
         help="The MLflow store to write to, or jsonl:FOLDER for files of JSON lines; default: MLFLOW_TRACKING_URI, "
         "else mlflow.db in the storage folder.",
     ),
+]
+Files = Annotated[
+    list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
 ]
 RESULTS = Path("results")
 
@@ -140,10 +140,9 @@ def options(
     if verbose:
         handler = logging.StreamHandler()
         handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s", "%H:%M:%S"))
-        for name in PACKAGES:
-            logger = logging.getLogger(name)
-            logger.addHandler(handler)
-            logger.setLevel(logging.DEBUG if verbose > 1 else logging.INFO)
+        logger = logging.getLogger("deltatune")  # the parent of all of deltatune's loggers
+        logger.addHandler(handler)
+        logger.setLevel(logging.DEBUG if verbose > 1 else logging.INFO)
 
 
 def progress_console(context: typer.Context, as_json: bool) -> Console:
@@ -167,6 +166,14 @@ def findings_of(storage: Path, name: str) -> Findings:
         from orchestrator.results.sweep_folder import Results
 
         return find(warn_of_damage(Results.open(storage, name)))
+
+
+def load_files(paths: list[str] | None) -> None:
+    """Run the files of --file, which define custom tasks and agents."""
+    from trainables.plugins.loader import load_file
+
+    for path in paths or ():
+        load_file(path)
 
 
 def program() -> str:

@@ -241,6 +241,7 @@ class _Costs:
             try:
                 self._rates[family] = measure(cell)
             except Exception as error:
+                log.info("the speed of %s on %s cannot be measured", cell.agent, cell.task, exc_info=error)
                 self._rates[family] = None
                 self.unknown.append(f"{cell.agent} on {cell.task}: {describe_error(error)}")
         rate = self._rates[family]

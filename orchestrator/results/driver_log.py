@@ -18,9 +18,10 @@ KEPT_LINES = 5000
 PUT_EVERY = 10.0
 """Seconds between two uploads of such a log."""
 
-
 LOGGER = "deltatune"
 """The parent of all of deltatune's loggers."""
+
+log = logging.getLogger("deltatune.results")
 
 
 @contextmanager
@@ -64,12 +65,12 @@ class _DriverLog(logging.Handler):
 
 
 class LogFile:
-    """Appends lines with their time. Errors in writing are ignored: there is nowhere to log them."""
+    """Appends lines with their time. The first of a row of errors in writing is logged, here too once writing works."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / FILE
         self._lines: list[str] | None = None if is_local(folder) else read(folder).splitlines()
-        self._put = 0.0
+        self._put, self._failing = 0.0, False
 
     def write(self, text: str) -> None:
         """Append a line."""
@@ -82,8 +83,10 @@ class LogFile:
         try:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(line + "\n")
-        except OSError:
-            return
+        except OSError as error:
+            self._failed(error)
+        else:
+            self._failing = False
 
     def close(self) -> None:
         """Write all buffered lines."""
@@ -92,8 +95,16 @@ class LogFile:
         self._put = time.monotonic()
         try:
             self._path.write_text("\n".join(self._lines[-KEPT_LINES:]) + "\n")
-        except Exception:  # each kind of storage raises different errors
-            return
+        except Exception as error:  # each kind of storage raises different errors
+            self._failed(error)
+        else:
+            self._failing = False
+
+    def _failed(self, error: Exception) -> None:
+        """Log an error in writing, but not those after it: each message comes back to this file."""
+        if not self._failing:
+            self._failing = True
+            log.info("%s cannot be written: %s", self._path, error)
 
 
 def read(folder: Path) -> str:

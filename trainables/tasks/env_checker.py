@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -20,6 +21,8 @@ from trainables.tasks.spec.family import ContextFeature, Task, Value
 
 STEPS = 300
 """Steps of a rollout."""
+
+log = logging.getLogger("deltatune.tasks")
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,8 @@ def rollout(env: gymnasium.Env[Any, Any], steps: int = STEPS) -> list[bytes]:
 
 
 def refused(question: str, error: Exception) -> Finding:
-    """Return the finding for an `error` of a task's code."""
+    """Return the finding for an `error` of a task's code, and log where it was raised."""
+    log.info("the check '%s' raised an error", question, exc_info=error)
     return Finding(question, False, describe_error(error))
 
 

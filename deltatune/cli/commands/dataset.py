@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltatune.cli.app import RESULT_PANEL, RESULTS, RUN_PANEL, Json, Storage, app, out, print_json, program
+from deltatune.cli.app import (
+    RESULT_PANEL,
+    RESULTS,
+    RUN_PANEL,
+    Files,
+    Json,
+    Storage,
+    app,
+    load_files,
+    out,
+    print_json,
+    program,
+)
 from trainables.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,9 +35,7 @@ def replay(
         str, typer.Argument(metavar="CELL_ID", help="16 hexadecimal digits: the cell_id of SWEEP/cells.parquet.")
     ],
     name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look only in this sweep.")] = None,
-    file: Annotated[
-        list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
-    ] = None,
+    file: Files = None,
     published: Annotated[
         bool, typer.Option("--published", help="Take the cell from the dataset of deltatune's own repository.")
     ] = False,
@@ -38,10 +48,8 @@ def replay(
     """Run one recorded cell again in this process, and compare every bit of its curve (exit 1 if one differs)."""
     from orchestrator.execution.replay import replay as run_again
     from orchestrator.execution.replay import replay_published
-    from trainables.plugins.loader import load_file
 
-    for path in file or ():
-        load_file(path)
+    load_files(file)
     if published or dataset is not None:
         if name is not None:
             raise InputError(f"--sweep is for recorded sweeps, not for published cells (got '{name}')")

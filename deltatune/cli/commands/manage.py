@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from dataclasses import asdict
@@ -29,6 +30,8 @@ from deltatune.cli.tables import duration
 
 if TYPE_CHECKING:
     from orchestrator.results.sweep_folder import Results
+
+log = logging.getLogger("deltatune.tracking")
 
 
 @app.command("list", rich_help_panel=RUN_PANEL)
@@ -190,6 +193,8 @@ def _rename_in_mlflow(moved: Results, old: str, uri: str) -> int:
     try:
         return rename_runs(moved, old, uri)
     except Exception as error:  # whatever a store and its connection raise; the sweep itself is renamed
-        what = f"{str(error).splitlines()[0]}; '{program()} sync {moved.name}' writes its runs under the new name"
+        log.info("the runs of %s in %s keep their name", old, uri, exc_info=error)
+        why = (str(error).splitlines() or [type(error).__name__])[0]
+        what = f"{why}; '{program()} sync {moved.name}' writes its runs under the new name"
         print_named("MLflow keeps the old name", what, "yellow")
         return 0

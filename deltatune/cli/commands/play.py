@@ -2,34 +2,53 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltatune.cli.app import RESULT_PANEL, RESULTS, Json, Storage, TrackingUri, app, busy, err, out, print_json
+from deltatune.cli.app import (
+    RESULT_PANEL,
+    RESULTS,
+    Files,
+    Json,
+    Storage,
+    TrackingUri,
+    app,
+    busy,
+    err,
+    load_files,
+    out,
+    print_json,
+)
 
 if TYPE_CHECKING:
     from dashboards.play.episode import Episode
+    from trainables.cell import Cell
+
+
+What = Annotated[
+    str, typer.Argument(metavar="WHAT", help="A cell's id, models:/NAME@ALIAS, or a file of a source library (.npz).")
+]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", metavar="FILE", help="The .gif to write; an .mp4; a .png of the end.")
+]
+OnTask = Annotated[
+    str | None, typer.Option("--task", metavar="TASK", help="Act on this task; default: the one it was trained on.")
+]
+Seed = Annotated[int, typer.Option(min=0, metavar="SEED", help="The seed of the episode.")]
+InSweep = Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look in this sweep alone.")]
 
 
 @app.command(rich_help_panel=RESULT_PANEL)
 def play(
-    what: Annotated[
-        str,
-        typer.Argument(metavar="WHAT", help="A cell's id, models:/NAME@ALIAS, or a file of a source library (.npz)."),
-    ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="The .gif to write; an .mp4; a .png of the end.")
-    ] = Path("play.gif"),
-    task: Annotated[
-        str | None, typer.Option("--task", metavar="TASK", help="Act on this task; default: the one it was trained on.")
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, metavar="SEED", help="The seed of the episode.")] = 0,
-    name: Annotated[str | None, typer.Option("--sweep", metavar="SWEEP", help="Look in this sweep alone.")] = None,
-    file: Annotated[
-        list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
-    ] = None,
+    what: What,
+    output: Output = Path("play.gif"),
+    task: OnTask = None,
+    seed: Seed = 0,
+    name: InSweep = None,
+    file: Files = None,
     storage: Storage = RESULTS,
     tracking_uri: TrackingUri = None,
     as_json: Json = False,
@@ -45,23 +64,13 @@ def play(
         from orchestrator.execution.actors import cast
         from orchestrator.process_env import prepare
         from orchestrator.tracking.uri import tracking_uri as store_uri
-        from trainables.plugins.loader import canonicalise, load_file
+        from trainables.plugins.loader import canonicalise
 
         check_suffix(output)
         prepare()
-        for path in file or ():
-            load_file(path)
-        found = cast(
-            what,
-            storage,
-            lambda: store_uri(storage, tracking_uri),
-            task=canonicalise(task) if task else None,
-            sweep=name,
-            on_training=lambda cell: err.print(
-                f"training {cell.agent} on {cell.task} again: {cell.episodes} episodes",
-                soft_wrap=True,
-            ),
-        )
+        load_files(file)
+        store, on = functools.partial(store_uri, storage, tracking_uri), canonicalise(task) if task else None
+        found = cast(what, storage, store, task=on, sweep=name, on_training=_say_training)
         episodes, images = play_episodes(found.task, found.actors, seed)
         write(images, output)
     if as_json:
@@ -70,6 +79,10 @@ def play(
     for each in episodes:
         out.print(f"{each.title}: return {each.returns[-1]:.4g} in {each.steps} steps", soft_wrap=True)
     out.print(f"Film:     {output}", soft_wrap=True)
+
+
+def _say_training(cell: Cell) -> None:
+    err.print(f"training {cell.agent} on {cell.task} again: {cell.episodes} episodes", soft_wrap=True)
 
 
 def _data(episode: Episode) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from deltatune.cli.app import CATALOGUE_PANEL, RESULTS, Json, Storage, app, busy, out, print_json
+from deltatune.cli.app import CATALOGUE_PANEL, RESULTS, Files, Json, Storage, app, busy, load_files, out, print_json
 from trainables.plugins.names import short
 
 sources = typer.Typer(no_args_is_help=True, help="The source library: list, check, export and import trained sources.")
@@ -160,9 +160,7 @@ def rank(
         ),
     ] = 100,
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, metavar="SEED", help="The seed of the episodes.")] = 0,
-    file: Annotated[
-        list[str] | None, typer.Option("--file", metavar="FILE.py", help="Run this file first; repeat for more.")
-    ] = None,
+    file: Files = None,
     storage: Storage = RESULTS,
     as_json: Json = False,
 ) -> None:
@@ -173,10 +171,9 @@ def rank(
     with busy("acting on the target"):
         from orchestrator.sources.library import SourceLibrary
         from orchestrator.sources.ranking import rank_sources
-        from trainables.plugins.loader import canonicalise, load_file
+        from trainables.plugins.loader import canonicalise
 
-        for path in file or ():
-            load_file(path)
+        load_files(file)
         target, names = canonicalise(target), [canonicalise(name) for name in source or ()]
         found = rank_sources(target, SourceLibrary(storage).find(names), episodes, seed)
     data = found.to_json()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,7 +16,9 @@ if TYPE_CHECKING:
     from dashboards.renderers.drawing_process import DrawingProcess
     from orchestrator.execution.session import SweepSession
     from orchestrator.execution.settings import Settings
+    from orchestrator.model_registry.pretrained import Pretrained
     from orchestrator.planning.arms import Params
+    from orchestrator.planning.source_choice import Runs
     from search_spaces.search_space import SearchSpace
 
 
@@ -70,17 +73,14 @@ def sweep(
     )
     name, console = name or chosen.name, progress_console(context, as_json)
     with console.status(_summary(name, chosen)):
-        from orchestrator.process_env import prepare
-
-        prepare(joins_cluster=address is not None)
+        _prepare(address)
         from orchestrator.cluster.resources import Resources
         from orchestrator.execution.session import SweepSession
         from orchestrator.execution.settings import Settings
-        from orchestrator.model_registry import pretrained
-        from orchestrator.tracking.uri import tracking_uri as store_uri
 
         settled = _settled(params)
-        sources = pretrained.read(source, chosen, store_uri(storage, tracking_uri)) if source else []
+        sources, runs = _pretrained(source, chosen, storage, tracking_uri)
+        uri = _store(storage, tracking_uri) if mlflow else None
     _warn(chosen, params, settled)
     how = Settings(
         workers=workers,
@@ -93,29 +93,60 @@ def sweep(
         time_limit=time_limit,
         resources=Resources(cpus_per_cell, gpus_per_cell, memory_per_cell),
         params=settled,
-        pretrained=pretrained.runs(sources, (*chosen.every_seed, *chosen.confirm_seeds)),
+        pretrained=runs,
     )
     if local:
         _check_local(how)
-    uri = store_uri(storage, tracking_uri) if mlflow else None
     if dry_run:
-        from deltatune.cli.dry_run import print_forecast
+        _forecast(chosen, how, storage / name, as_json)
+    else:
+        opened = SweepSession.open(storage, name, chosen, sources=sources, tracking_uri=uri, console=console)
+        _run(opened, how, as_json)
 
-        print_forecast(chosen, how, storage / name, as_json)
-        return
-    if address:
+
+def _prepare(address: str | None) -> None:
+    """Set the environment variables of Ray and MLflow, before either is imported."""
+    from orchestrator.process_env import prepare
+
+    prepare(joins_cluster=address is not None)
+
+
+def _store(storage: Path, tracking_uri: str | None) -> str:
+    """Return the URI of the tracker to write to."""
+    from orchestrator.tracking.uri import tracking_uri as store_uri
+
+    return store_uri(storage, tracking_uri)
+
+
+def _pretrained(
+    names: list[str] | None, space: SearchSpace, storage: Path, tracking_uri: str | None
+) -> tuple[list[Pretrained], Runs]:
+    """Return the sources of --source, and which of them each seed uses."""
+    from orchestrator.model_registry import pretrained
+
+    found = pretrained.read(names, space, _store(storage, tracking_uri)) if names else []
+    return found, pretrained.runs(found, (*space.every_seed, *space.confirm_seeds))
+
+
+def _forecast(space: SearchSpace, how: Settings, folder: Path, as_json: bool) -> None:
+    """Print what the sweep would do and cost."""
+    from deltatune.cli.dry_run import print_forecast
+
+    print_forecast(space, how, folder, as_json)
+
+
+def _run(opened: AbstractContextManager[SweepSession], how: Settings, as_json: bool) -> None:
+    """Run the missing cells of a sweep; publish and print what it found, or that it was interrupted.
+
+    Raises InputError where no cluster answers at the address, before the sweep is opened.
+    """
+    if how.address:
         from orchestrator.cluster.connection import check_address
 
-        check_address(address)
-    with SweepSession.open(storage, name, chosen, sources=sources, tracking_uri=uri, console=console) as session:
-        _run(session, how, as_json)
-
-
-def _run(session: SweepSession, how: Settings, as_json: bool) -> None:
-    """Run the missing cells of a sweep; publish and print what it found, or that it was interrupted."""
+        check_address(how.address)
     from dashboards.renderers.drawing_process import DrawingProcess
 
-    with DrawingProcess() as artist:
+    with opened as session, DrawingProcess() as artist:
         tally = session.run(how, meanwhile=lambda: _load_report(artist))
         from deltatune.cli.sweep_report import interrupted, report
 

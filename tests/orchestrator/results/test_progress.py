@@ -96,6 +96,36 @@ def test_a_storage_that_is_away_costs_the_progress_and_the_log_not_the_sweep(
     assert "the progress cannot be written to memory://deltatune/away: the bucket does not answer" in caplog.text
 
 
+def test_a_log_that_could_not_be_written_says_so_once_it_can(monkeypatch: pytest.MonkeyPatch) -> None:
+    bucket = storage_path("memory://deltatune/again")
+    with driver_log.logging_to(bucket):
+        log = logging.getLogger("deltatune.sweep")
+        with monkeypatch.context() as broken:
+            broken.setattr(type(bucket), "write_text", away)
+            for message in ("one", "two"):
+                log.info(message)
+                driver_log.flush()
+        log.info("three")
+    told = [line.split(" ", 2)[2] for line in driver_log.read(bucket).splitlines()]
+    assert told == [
+        "one",
+        "memory://deltatune/again/driver.log cannot be written: the bucket does not answer",
+        "two",
+        "three",
+    ]
+
+
+def test_a_log_on_a_disk_that_cannot_be_written_costs_nothing_else(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / driver_log.FILE).mkdir()
+    with driver_log.logging_to(tmp_path):
+        for message in ("one", "two"):
+            logging.getLogger("deltatune.sweep").info(message)
+    written = [record for record in caplog.records if "driver.log cannot be written" in record.getMessage()]
+    assert len(written) == 1
+
+
 def test_a_disk_that_cannot_be_written_to_costs_the_progress_alone(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

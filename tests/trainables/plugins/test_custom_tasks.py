@@ -146,6 +146,20 @@ def test_check_finds_a_feature_that_does_nothing_and_passes_the_others() -> None
     assert set(found.values()) == {True}
 
 
+def test_check_logs_where_a_tasks_code_has_failed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    text = (HERE / "bad_tasks.py").read_text() + (
+        "class Broken(Walk):\n    def step(self, action):\n        raise RuntimeError('lost the map')\n\n\n"
+        "Lost = made(Broken)\n"
+    )
+    (tmp_path / "lost.py").write_text(text)
+    with caplog.at_level("INFO", "deltatune"):
+        found = list(check(parse_task(load(f"{tmp_path / 'lost.py'}:Lost"))))
+    assert [finding.passed for finding in found] == [False]
+    assert "lost the map" in found[0].answer
+    assert "the check 'builds and steps' raised an error" in caplog.text
+    assert "in step" in caplog.text
+
+
 def test_check_finds_a_default_that_is_not_the_environments_and_noise_that_has_no_seed(tmp_path: Path) -> None:
     text = (HERE / "bad_tasks.py").read_text() + (
         "class Noisy(Walk):\n    def step(self, action):\n        self.x += np.random.default_rng().random()\n"
