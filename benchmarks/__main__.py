@@ -11,6 +11,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
+import subprocess
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -35,7 +37,7 @@ def machine() -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure, print the table, and write it."""
+    """Measure, print the table, and write it after every part; a part that fails costs no other."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"some of {', '.join(PARTS)}; default: all")
     parser.add_argument("--quick", action="store_true", help="a tenth of the time, for a look")
@@ -43,15 +45,21 @@ def main() -> None:
     args = parser.parse_args()
     if unknown := set(args.parts) - set(PARTS):
         parser.error(f"no part '{min(unknown)}': there are {', '.join(PARTS)}")
-    where, rows = machine(), list[Row]()
+    where, rows, failed = machine(), list[Row](), list[str]()
     print("  ".join(f"{name} {value}" for name, value in where.items()), flush=True)
     for name in args.parts or PARTS:
-        found = list(PARTS[name](args.quick))
+        try:
+            found = list(PARTS[name](args.quick))
+        except subprocess.CalledProcessError as error:
+            failed.append(f"{name}: {shlex.join(error.cmd)} has ended with exit code {error.returncode}")
+            continue
         print(f"\n{name}\n{table(found)}", flush=True)
         rows += found
-    if args.json:
-        data = {"commit": commit(), "versions": versions(), "machine": where, "rows": [asdict(row) for row in rows]}
-        args.json.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        if args.json:
+            data = {"commit": commit(), "versions": versions(), "machine": where, "rows": [asdict(row) for row in rows]}
+            args.json.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    if failed:
+        raise SystemExit("\n".join(failed))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""What Ray costs without deltatune: `python -m benchmarks.plain_ray [--cells N] [--seconds S] [--json]`.
+"""What Ray costs without deltatune: `python -m benchmarks.plain_ray [PART ...] [--cells N] [--seconds S] [--json]`.
 
-Seconds of wall time, on one worker per CPU:
+Seconds of wall time, on one worker per CPU, of each PART (default: all):
   start   import Ray Tune, start Ray, run one trial on each CPU that does nothing, and end Ray
   actors  N calls that work S seconds each, by one actor per CPU, the actors' start included
   tune    the same work as N trials of one `tune.Tuner` that keeps its actors
@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from orchestrator.cluster.resources import local_cpus
@@ -98,9 +98,9 @@ def _work(seconds: float) -> None:
         pass
 
 
-def measure(cells: int, seconds: float) -> dict[str, float]:
-    """Return the three figures, each from a new process, and the ideal wall time of the work."""
-    found = {name: _in_a_process(name, cells, seconds) for name in PARTS}
+def measure(parts: Sequence[str], cells: int, seconds: float) -> dict[str, float]:
+    """Return the figures of some parts, each from a new process, and the ideal wall time of the work."""
+    found = {name: _in_a_process(name, cells, seconds) for name in parts}
     return found | {"ideal": cells * seconds / local_cpus()}
 
 
@@ -120,16 +120,19 @@ PARTS: dict[str, Callable[[int, float], float]] = {
 def main() -> None:
     """Measure, and print a line a figure, or JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"some of {', '.join(PARTS)}; default: all")
     parser.add_argument("--cells", type=int, default=1000)
     parser.add_argument("--seconds", type=float, default=0.05)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--part", choices=list(PARTS), help=argparse.SUPPRESS)
     asked = parser.parse_args()
+    if unknown := set(asked.parts) - set(PARTS):
+        parser.error(f"no part '{min(unknown)}': there are {', '.join(PARTS)}")
     prepare()
     if asked.part:
         print(PARTS[asked.part](asked.cells, asked.seconds))
         return
-    found = measure(asked.cells, asked.seconds)
+    found = measure(asked.parts or list(PARTS), asked.cells, asked.seconds)
     if asked.json:
         print(json.dumps(found | {"load": os.getloadavg()[0]}))
         return

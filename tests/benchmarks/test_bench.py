@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from benchmarks import __main__ as bench
 from benchmarks import suite
 from benchmarks.compare import compared, read
 from benchmarks.row import Row, table
@@ -37,7 +40,10 @@ SAID: dict[str, Any] = {
     "simulator_speed": [{"task": "cartpole", "step_us": 1.0, "gymnasium_us": 10.0}],
     "answers": {"yardstick_seconds": 0.2, "commands": [{"command": "status", "seconds": 0.4}]},
     "demo": {"until the first cell": 10.0, "wall": 30.0, "ideal": 15.0},
-    "scaling": {"overhead": {"run": 30.0, "work": 50.0, "workers": 2.0}, "no-op": [{"cells": 1000.0, "run": 4.0}]},
+    "scaling": {
+        "overhead": {"run": 30.0, "work": 50.0, "workers": 2.0},
+        "no-op": [{"cells": 1000.0, "run": 4.0, "mlflow": 12.0}],
+    },
     "plain_ray": {"start": 6.0, "actors": 28.0, "tune": 50.0, "ideal": 25.0},
     "tracking.cell_cost": {"cell": 30.0, "floor": 15.0},
     "tracking.sweep_cost": [["none", {"run": 50.0}], ["sqlite", {"run": 51.0}]],
@@ -45,7 +51,13 @@ SAID: dict[str, Any] = {
 
 
 def test_every_part_is_compared_with_a_peer_or_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(suite, "_json", lambda module, *words: SAID[module])
+    ran = Counter[str]()
+
+    def said(module: str, *words: str) -> Any:
+        ran.update(set(words) & {"start", "actors", "tune"})
+        return SAID[module]
+
+    monkeypatch.setattr(suite, "_json", said)
     rows = {(row.name, row.beside): row for part in suite.PARTS.values() for row in part(False)}
     found = {key: round(row.ratio, 3) for key, row in rows.items()}
     assert found["dqn, cartpole", "stable-baselines3"] == 30.0
@@ -61,6 +73,9 @@ def test_every_part_is_compared_with_a_peer_or_a_limit(monkeypatch: pytest.Monke
     assert found["1,000 cells of 50 ms", "ideal wall time"] == 0.833
     assert found["1,000 cells of 50 ms", "plain Ray actors"] == 0.933
     assert found["1,000 cells of 50 ms", "plain Ray Tune, a trial each"] == 1.667
+    assert found["1,000 cells of nothing", "a call of plain Ray actors"] == 0.75
+    assert found["sync of 1,000 cells", "goal"] == 0.5
+    assert ran == {"start": 1, "actors": 1, "tune": 1}, "nothing is measured twice"
     assert found["MLflow, a cell of 501 points", "an empty run"] == 0.5
     assert found["sweep with MLflow, sqlite", "without"] == 0.98
     assert len(table(list(rows.values())).splitlines()) == len(rows) + 1
@@ -80,6 +95,20 @@ def test_two_runs_are_compared_by_figure_and_by_ratio(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.compare", str(a), str(tmp_path / "missing")]
     refused = subprocess.run(command, capture_output=True, text=True)
     assert (refused.returncode, "missing' is not a file written by" in refused.stderr) == (2, True)
+
+
+def test_a_part_that_fails_costs_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(quick: bool) -> Iterator[Row]:
+        raise subprocess.CalledProcessError(3, ["python", "-m", "benchmarks.demo"])
+
+    monkeypatch.setattr(bench, "PARTS", {"demo": broken, "steps": lambda quick: iter([SLOW])})
+    monkeypatch.setattr(sys, "argv", ["bench", "--json", str(tmp_path / "bench.json")])
+    with pytest.raises(SystemExit, match=r"demo: python -m benchmarks\.demo has ended with exit code 3"):
+        bench.main()
+    assert list(read(tmp_path / "bench.json")[1].values()) == [SLOW]
+    assert "step" in capsys.readouterr().out
 
 
 def test_a_part_is_measured_and_written_as_json(tmp_path: Path) -> None:
