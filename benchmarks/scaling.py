@@ -86,7 +86,7 @@ def measure(cells: int, length: float) -> dict[str, float]:
 def in_a_process(cells: int, length: float) -> dict[str, float]:
     """Run `measure` in a new process."""
     command = [sys.executable, "-m", "benchmarks.scaling", "--measure", str(cells), str(length)]
-    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    output = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
     found: dict[str, float] = json.loads(output.splitlines()[-1])
     return found
 

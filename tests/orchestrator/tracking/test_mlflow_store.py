@@ -108,3 +108,28 @@ def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"garbage" * 1000)
     with pytest.raises(SweepError, match="is damaged"):
         connect(f"sqlite:///{path}")
+
+
+def test_only_the_connections_to_a_databases_own_log_are_synchronised_less(tmp_path: Path) -> None:
+    told: dict[str, list[int]] = {}
+
+    def tell(connection: sqlite3.Connection, _: object) -> None:
+        (mode,) = connection.execute("PRAGMA synchronous").fetchone()
+        told.setdefault(Path(connection.execute("PRAGMA database_list").fetchone()[2]).name, []).append(mode)
+
+    for name in ("ours.db", "rollback.db", "other.db"):
+        make(tmp_path / name)
+    with contextlib.closing(sqlite3.connect(tmp_path / "rollback.db")) as database:
+        database.execute("PRAGMA journal_mode=DELETE")
+    client = connect(f"sqlite:///{tmp_path / 'ours.db'}")
+    connect(f"sqlite:///{tmp_path / 'rollback.db'}")
+    sqlalchemy.event.listen(sqlalchemy.Engine, "connect", tell)
+    try:
+        client.create_run("0")
+        for name in ("rollback.db", "other.db"):
+            sqlalchemy.create_engine(f"sqlite:///{tmp_path / name}").connect().close()
+    finally:
+        sqlalchemy.event.remove(sqlalchemy.Engine, "connect", tell)
+    normal, full = 1, 2
+    assert set(told["ours.db"]) == {normal}
+    assert told["rollback.db"] == told["other.db"] == [full]
