@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Container
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from trainables import curve
 from trainables.cell import Cell
@@ -26,29 +27,30 @@ GiveSource = Callable[[Cell], Knowledge | None]
 log = logging.getLogger("deltatune.training")
 
 
+class RunOptions(TypedDict, total=False):
+    """What a run of a cell keeps, and what it continues from. None of it changes a bit of the result."""
+
+    keep: bool
+    """Whether the outcome includes the knowledge; default: no."""
+    checkpoints: Path | None
+    """A folder for the cell's state, from which a later run continues bit for bit; None: no checkpoints."""
+    checkpoint_seconds: float
+    """Time between two checkpoints; default: one is written only where the run stops."""
+    saved: Container[str] | None
+    """The ids of cells with a checkpoint; None: unknown."""
+    ends: EndStates | None
+    """End states of cells, from which longer ones continue; None: none."""
+
+
 class CellRun:
-    """Runs a cell evaluation by evaluation; an exception makes it a failed cell.
+    """Runs a cell evaluation by evaluation; an exception makes it a failed cell."""
 
-    keep: whether the outcome includes the knowledge. checkpoints: a folder for the cell's state, from which a later run
-    continues bit for bit; None: no checkpoints. checkpoint_seconds: time between two of them. saved: the ids of cells
-    with a checkpoint; None: unknown. ends: end states of cells, from which longer ones continue; None: none.
-    """
-
-    def __init__(
-        self,
-        cell: Cell,
-        source: GiveSource,
-        *,
-        keep: bool = False,
-        checkpoints: Path | None = None,
-        checkpoint_seconds: float = 5.0,
-        saved: Container[str] | None = None,
-        ends: EndStates | None = None,
-    ) -> None:
+    def __init__(self, cell: Cell, source: GiveSource, **options: Unpack[RunOptions]) -> None:
         self.cell, self.error = cell, ""
         self.ended = False
+        checkpoints, saved, ends = options.get("checkpoints"), options.get("saved"), options.get("ends")
         self._ends, self._continued = ends, 0
-        self._keep, self._every = keep, checkpoint_seconds
+        self._keep, self._every = options.get("keep", False), options.get("checkpoint_seconds", math.inf)
         self._before: dict[str, Any] = curve.columns([])
         self._points: list[EvalPoint] = []
         self._training: Training | None = None
@@ -199,27 +201,15 @@ def run_cell(
     cell: Cell,
     source: GiveSource,
     *,
-    keep: bool = False,
-    checkpoints: Path | None = None,
-    checkpoint_seconds: float = 5.0,
-    saved: Container[str] | None = None,
-    ends: EndStates | None = None,
     on_point: OnPoint = lambda point: None,
     stop: Callable[[], bool] = lambda: False,
+    **options: Unpack[RunOptions],
 ) -> Outcome | None:
     """Run a cell to its end (see `CellRun`), calling `on_point` with each evaluation, and return its outcome.
 
     stop: called after each evaluation; if it returns True, the cell is checkpointed, and the result is None.
     """
-    run = CellRun(
-        cell,
-        source,
-        keep=keep,
-        checkpoints=checkpoints,
-        checkpoint_seconds=checkpoint_seconds,
-        saved=saved,
-        ends=ends,
-    )
+    run = CellRun(cell, source, **options)
     try:
         while (point := run.step()) is not None:
             on_point(point)

@@ -11,13 +11,12 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from trainables.cell import Cell
 from trainables.curve import EvalPoint
 from trainables.knowledge import Knowledge
 from trainables.storage.paths import is_local, storage_path
-from trainables.training.cell_run import CellRun, GiveSource, run_cell
+from trainables.training.cell_run import CellRun, GiveSource, RunOptions, run_cell
 from trainables.training.lockstep import lockstep
 from trainables.training.messages import (
     LOGGER,
@@ -54,7 +53,7 @@ def run_pack(cells: Sequence[Cell], together: bool, payload: WorkerPayload, tell
     from trainables.numerics.jit import on_compilation
 
     folder = storage_path(payload.checkpoints) if payload.checkpoints else None
-    options: dict[str, Any] = {
+    options: RunOptions = {
         "keep": payload.keep,
         "checkpoints": folder,
         "checkpoint_seconds": payload.checkpoint_seconds,
@@ -81,7 +80,7 @@ def _saved(folder: Path | None) -> set[str] | None:
         return None
 
 
-def _run_in_turn(cells: Sequence[Cell], source: GiveSource, options: dict[str, Any], tell: Tell, stop: Stop) -> None:
+def _run_in_turn(cells: Sequence[Cell], source: GiveSource, options: RunOptions, tell: Tell, stop: Stop) -> None:
     """Run one cell after the other; outcomes of short ones are reported together."""
     outcomes: list[Outcome] = []
     reported = time.monotonic()
