@@ -38,19 +38,20 @@ def curve_bands(
     if chosen.duplicated(["group", "seed"]).any():  # source networks: their mean is a seed's curve
         joined = joined.groupby(["group", "seed", "episode"], as_index=False)[there].mean()
     table = joined.groupby(["group", "episode"])[there].agg(["mean", "std", "count"])
-    known = set(chosen["group"])
+    found = {column: _bands(table[column]) for column in there}
     return {
-        (group, column): _band(pd.DataFrame(table.loc[group][column]))
-        if group in known and column in there
-        else NO_CURVE
+        (group, column): found[column].get(group, NO_CURVE) if column in found else NO_CURVE
         for group in groups
         for column in columns
     }
 
 
-def _band(table: pd.DataFrame) -> pd.DataFrame:
-    """Return (episode, mean, low, high) for a table of (mean, std, count) by episode."""
-    table = table[table["count"] > 0].reset_index()
-    t = stats.t.ppf((1 + statistics.LEVEL) / 2, np.maximum(table["count"] - 1, 1))
-    half = np.where(table["count"] > 1, t * table["std"].fillna(0.0) / np.sqrt(table["count"]), 0.0)
-    return table[["episode", "mean"]].assign(low=table["mean"] - half, high=table["mean"] + half)
+def _bands(table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return (episode, mean, low, high) by group, for a table of (mean, std, count) by group and episode."""
+    whole = table[table["count"] > 0].reset_index()
+    t = stats.t.ppf((1 + statistics.LEVEL) / 2, np.maximum(whole["count"] - 1, 1))
+    half = np.where(whole["count"] > 1, t * whole["std"].fillna(0.0) / np.sqrt(whole["count"]), 0.0)
+    bands = whole[["group", "episode", "mean"]].assign(low=whole["mean"] - half, high=whole["mean"] + half)
+    empty = dict.fromkeys(table.index.unique("group"), bands.iloc[:0])
+    every = empty | {str(group): band for group, band in bands.groupby("group", sort=False)}
+    return {group: band.drop(columns="group").reset_index(drop=True) for group, band in every.items()}
