@@ -37,8 +37,13 @@ class TrackingServer:
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
+        if wait:
+            self.wait()
+
+    def wait(self) -> None:
+        """Wait until it answers. Raises TimeoutError after PATIENCE."""
         until = time.monotonic() + PATIENCE
-        while wait and not self._answers():
+        while not self._answers():
             if time.monotonic() > until:
                 self.kill()
                 raise TimeoutError(f"the MLflow server at {self.uri} does not answer")

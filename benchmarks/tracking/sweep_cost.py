@@ -36,8 +36,17 @@ def space(episodes: int, cells: int = CELLS) -> dict[str, Any]:
     }
 
 
-def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], None] = lambda n: None) -> dict[str, Any]:
-    """Run the sweep; return its seconds, those of MLflow after its end, and the numbers of runs and metrics."""
+def sweep(
+    folder: Path,
+    episodes: int,
+    uri: str | None,
+    harm: Callable[[int], None] = lambda number: None,
+    ready: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
+    """Run the sweep; return its seconds, those of MLflow after its end, and the numbers of runs and metrics.
+
+    harm: called with the number of ended cells. ready: waits after the run, in no figure, until MLflow answers.
+    """
     from rich.console import Console
 
     from orchestrator.analysis.findings import find
@@ -60,11 +69,13 @@ def sweep(folder: Path, episodes: int, uri: str | None, harm: Callable[[int], No
 
     started = time.perf_counter()
     tally = run(results, Settings(), Console(quiet=True), on_cell)
-    ran = time.perf_counter()
+    ran = time.perf_counter() - started
+    ready()
+    begun = time.perf_counter()
     if tracker and tracker.finish(find(results), []) is None:
         raise RuntimeError(f"MLflow is incomplete: {tracker.error}")
-    after = time.perf_counter() - ran
-    return {"run": ran - started, "after": after, "cell": tally.training_seconds / CELLS} | (there(uri) if uri else {})
+    after = time.perf_counter() - begun
+    return {"run": ran, "after": after, "cell": tally.training_seconds / CELLS} | (there(uri) if uri else {})
 
 
 def there(uri: str) -> dict[str, int]:
@@ -109,7 +120,7 @@ def with_server(folder: Path, episodes: int, killed: bool) -> dict[str, Any]:
             server.start(wait=False)
 
     try:
-        return sweep(folder, episodes, server.uri, harm)
+        return sweep(folder, episodes, server.uri, harm, server.wait)
     finally:
         server.kill()
 
