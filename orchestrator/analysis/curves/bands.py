@@ -38,7 +38,7 @@ def curve_bands(
     if chosen.duplicated(["group", "seed"]).any():  # source networks: their mean is a seed's curve
         joined = joined.groupby(["group", "seed", "episode"], as_index=False)[there].mean()
     table = joined.groupby(["group", "episode"])[there].agg(["mean", "std", "count"])
-    found = {column: _bands(table[column]) for column in there}
+    found = {column: _bands(pd.DataFrame(table[column])) for column in there}
     return {
         (group, column): found[column].get(group, NO_CURVE) if column in found else NO_CURVE
         for group in groups
