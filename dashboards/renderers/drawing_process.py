@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -45,6 +46,7 @@ class DrawingProcess:
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
+        self._over, self._lock = False, threading.Lock()
 
     def __enter__(self) -> DrawingProcess:
         return self
@@ -52,7 +54,9 @@ class DrawingProcess:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        connection, process, self._connection, self._process = self._connection, self._process, None, None
+        with self._lock:
+            connection, process, self._connection, self._process = self._connection, self._process, None, None
+            self._over = True
         if connection is not None:
             connection.close()
         if process is not None:
@@ -60,19 +64,13 @@ class DrawingProcess:
             process.wait()
 
     def start(self) -> None:
-        """Start the process, which imports what it needs. Raises OSError where there can be none."""
-        here, there = socket.socketpair()
-        with there:
-            path = os.pathsep.join(place or os.getcwd() for place in sys.path)
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", _MAIN, str(there.fileno())],
-                pass_fds=[there.fileno()],
-                env=os.environ | {"PYTHONPATH": path},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-        self._connection = Connection(here.detach())
+        """Start the process, which imports what it needs, unless the block has ended: another thread may call this.
+
+        Raises OSError where there can be none.
+        """
+        with self._lock:
+            if not self._over:
+                self._process, self._connection = _started()
 
     def draw(self, figure: Figure, sweep: str, folder: Path) -> Drawn:
         """Begin to draw a figure, as `matplotlib_renderer.draw` does; without a process it is drawn by the waiting."""
@@ -84,6 +82,21 @@ class DrawingProcess:
         with contextlib.suppress(OSError):  # it is gone, as the answer says too
             connection.send(order)
         return lambda: _answer(connection) or _draw(order)
+
+
+def _started() -> tuple[subprocess.Popen[bytes], Connection]:
+    here, there = socket.socketpair()
+    with there:
+        path = os.pathsep.join(place or os.getcwd() for place in sys.path)
+        process = subprocess.Popen(
+            [sys.executable, "-c", _MAIN, str(there.fileno())],
+            pass_fds=[there.fileno()],
+            env=os.environ | {"PYTHONPATH": path},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    return process, Connection(here.detach())
 
 
 def _looks(figure: Figure) -> dict[str, str]:

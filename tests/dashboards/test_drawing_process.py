@@ -72,3 +72,10 @@ def test_a_process_that_is_killed_costs_no_figure(tmp_path: Path, when: str) -> 
             kill(artist)
         assert [path.name for path in files()] == ["one.png", "one.svg"]
     assert artist._process is None
+
+
+def test_a_process_asked_for_too_late_is_not_started() -> None:
+    with DrawingProcess() as artist:
+        pass
+    artist.start()
+    assert artist._process is None
