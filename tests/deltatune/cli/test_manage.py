@@ -74,6 +74,18 @@ def test_a_renamed_sweep_is_the_same_under_another_name(storage: str) -> None:
         run("mv", "new", "../x", "--storage", storage)
 
 
+def test_a_sweep_is_renamed_where_mlflow_fails_without_a_word(storage: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from orchestrator.tracking.mlflow import rename
+
+    def silent(*_: object) -> int:
+        raise TimeoutError
+
+    (Path(storage) / "mlflow.db").touch()
+    monkeypatch.setattr(rename, "rename_runs", silent)
+    assert "MLflow keeps the old name: TimeoutError" in run("mv", "small", "new", "--storage", storage)
+    assert (Path(storage) / "new").is_dir()
+
+
 def test_a_sweep_is_removed_when_that_is_confirmed_and_no_driver_is_at_it(storage: str) -> None:
     with pytest.raises(InputError, match="confirm with --yes"):
         run("rm", "small", "--storage", storage)
