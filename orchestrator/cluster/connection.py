@@ -50,8 +50,10 @@ def connected(workers: int | None, address: str | None, resources: Resources) ->
         _join(address)
     try:
         yield
-    finally:
-        ending.end(ray.shutdown)
+    except BaseException:
+        ray.shutdown()  # at once: the error's frames hold references of Ray, which nobody may free meanwhile
+        raise
+    ending.end(ray.shutdown)
 
 
 def _start(cpus: int) -> None:
