@@ -29,6 +29,7 @@ def command(space: Path, storage: Path) -> list[str]:
     return [sys.executable, "-m", "deltatune.cli.main", *words]
 
 
+@pytest.mark.slow  # tests/faults/test_remote.py does the same on an object store
 @pytest.mark.usefixtures("quick_figures")
 def test_a_killed_sweep_goes_on_with_its_missing_cells(calm: Path, tmp_path: Path) -> None:
     space = tmp_path / "space.yaml"

@@ -66,7 +66,9 @@ def connect(uri: str) -> MlflowClient:
 
 def _synchronise_less(connection: object, _: object) -> None:
     """Let a new connection to a database of _OPENED synchronise at checkpoints of its log only."""
-    if isinstance(connection, sqlite3.Connection):
+    if not isinstance(connection, sqlite3.Connection):
+        return
+    with contextlib.suppress(sqlite3.DatabaseError):  # of a file that is no database, which its first query tells too
         _, _, file = connection.execute("PRAGMA database_list").fetchone()
         if os.path.realpath(file) in _OPENED and connection.execute("PRAGMA journal_mode").fetchone() == ("wal",):
             connection.execute("PRAGMA synchronous=NORMAL")

@@ -195,6 +195,7 @@ def test_a_sweep_that_has_not_begun_has_a_report(tmp_path: Path) -> None:
     assert "2 seeds; no cell yet." in " ".join(page.text)
 
 
+@pytest.mark.slow
 def test_a_thousand_cells_stay_small_and_show_one_target_at_a_time(tmp_path: Path) -> None:
     made = synthetic.findings(tmp_path, 10, 10, 501)
     assert len(made.cells) == 1000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
+import time
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -103,11 +104,14 @@ def test_a_half_made_database_is_refused_with_what_mends_it(tmp_path: Path) -> N
         connect(f"sqlite:///{path}")
 
 
-def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_no_database_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(time, "sleep", waits.append)  # as MLflow does for minutes where it cannot connect
     path = tmp_path / "mlflow.db"
     path.write_bytes(b"garbage" * 1000)
     with pytest.raises(SweepError, match="is damaged"):
         connect(f"sqlite:///{path}")
+    assert waits == []
 
 
 def test_only_the_connections_to_a_databases_own_log_are_synchronised_less(tmp_path: Path) -> None:
