@@ -90,18 +90,23 @@ def _tracked(tracker: Tracker) -> dict[str, Any]:
     return {"uri": shown(tracker.uri), "error": str(tracker.error) if tracker.error else None}
 
 
+def _overhead(tally: RunSummary, total: float) -> str:
+    """Return the share of `total` seconds in which no worker trained; empty where cells began in an earlier run."""
+    share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
+    return f", {share:.0f} % of it overhead" if share >= 0 else ""
+
+
 def _print_report(
     results: Results, tally: RunSummary, published: Published, tracker: Tracker | None, after: float
 ) -> None:
     _print_tables(published.findings)
     total = tally.seconds + after
-    share = 100 * (1 - tally.training_seconds / (tally.workers * total)) if tally.workers else 100
     stopped = f", {tally.stopped} stopped early" if tally.stopped else ""
     stopped += f", {tally.continued} continued from shorter ones" if tally.continued else ""
     taken = f" ({origins(tally.taken)})" if tally.taken else ""
     out.print(
-        f"{tally.ran} cells run ({tally.failed} failed{stopped}), {tally.reused} reused{taken}; {total:.0f} s, "
-        f"{share:.0f} % of it overhead."
+        f"{tally.ran} cells run ({tally.failed} failed{stopped}), {tally.reused} reused{taken}; {total:.0f} s"
+        f"{_overhead(tally, total)}."
     )
     out.print(f"Results:  {results.folder}", soft_wrap=True)
     if published.report:
