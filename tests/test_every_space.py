@@ -285,7 +285,10 @@ def test_a_sequential_test_compares_every_agent_of_every_space_with_what_it_buil
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.usefixtures("quick_figures")
-@pytest.mark.parametrize("name", ["demo", pytest.param("smoke-table1", marks=pytest.mark.slow), *CUSTOM])
+@pytest.mark.parametrize(
+    "name",
+    ["demo", *(pytest.param(n, marks=pytest.mark.slow) for n in ("smoke-table1", "custom-task")), "custom-agent"],
+)
 def test_a_sequential_test_over_seeds_goes_from_forecast_to_replay(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

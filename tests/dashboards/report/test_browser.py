@@ -108,7 +108,9 @@ def visit(browser: Any, request: pytest.FixtureRequest) -> Iterator[Visit]:
     opened.page.close()
 
 
-@pytest.mark.parametrize("visit", [(1280,), (400,), (1280, "dark")], indirect=True)
+@pytest.mark.parametrize(
+    "visit", [(1280,), (400,), pytest.param((1280, "dark"), marks=pytest.mark.slow)], indirect=True
+)
 def test_everything_is_drawn_without_complaint_and_nothing_lies_over_anything(visit: Visit, address: str) -> None:
     visit.page.goto(address)
     visit.draw_all(visit.page)
@@ -191,6 +193,7 @@ def test_an_agent_is_hidden_and_a_target_is_chosen(visit: Visit, address: str) -
     assert 0 < lines.count() < before
 
 
+@pytest.mark.slow
 def test_it_works_within_the_sandboxed_frame_of_an_artifact_view(visit: Visit, address: str) -> None:
     text = Path(address.removeprefix("file://")).read_text(encoding="utf-8")
     visit.page.set_content('<iframe sandbox="allow-scripts" width="1200" height="800"></iframe>')

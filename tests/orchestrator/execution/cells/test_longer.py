@@ -288,6 +288,7 @@ def test_several_lengths_at_once_each_continue_what_there_is(tmp_path: Path) -> 
     same_as_scratch(results, lengths(30, 40, 60, 90), tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_an_object_store_keeps_end_states_too(tmp_path: Path) -> None:
     storage = storage_path("memory://deltatune/longer")
     results, _, _ = swept(storage, grid(30))

@@ -93,7 +93,9 @@ def test_all_executors_come_to_the_same_cells(
         pd.testing.assert_frame_equal(timeless(mine), timeless(theirs), check_exact=True)
 
 
-@pytest.mark.parametrize("after", [1, 30, 60])
+@pytest.mark.parametrize(
+    "after", [pytest.param(1, marks=pytest.mark.slow), 30, pytest.param(60, marks=pytest.mark.slow)]
+)
 def test_a_kill_changes_neither_cells_nor_decisions(
     results: Results, findings: Findings, tmp_path: Path, after: int
 ) -> None:
