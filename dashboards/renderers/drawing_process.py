@@ -6,10 +6,7 @@ Whatever goes wrong with it, the figure is drawn in this process instead, with t
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
-import socket
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
@@ -21,6 +18,7 @@ from types import TracebackType
 
 from dashboards import style
 from dashboards.figure_model import Absent, Chart, Figure
+from orchestrator.child_process import ChildProcess
 from trainables.collector import collect_seldom
 
 _MAIN = "from dashboards.renderers.drawing_process import main; main()"
@@ -44,8 +42,7 @@ class DrawingProcess:
     """Draws figures from `start` to the end of the block, one after the other, in their order."""
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
-        self._connection: Connection | None = None
+        self._process: ChildProcess | None = None
         self._over, self._lock = False, threading.Lock()
 
     def __enter__(self) -> DrawingProcess:
@@ -55,13 +52,9 @@ class DrawingProcess:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with self._lock:
-            connection, process, self._connection, self._process = self._connection, self._process, None, None
-            self._over = True
-        if connection is not None:
-            connection.close()
+            process, self._process, self._over = self._process, None, True
         if process is not None:
-            process.kill()
-            process.wait()
+            process.end()
 
     def start(self) -> None:
         """Start the process, which imports what it needs, unless the block has ended: another thread may call this.
@@ -70,33 +63,18 @@ class DrawingProcess:
         """
         with self._lock:
             if not self._over:
-                self._process, self._connection = _started()
+                self._process = ChildProcess.start(_MAIN)
 
     def draw(self, figure: Figure, sweep: str, folder: Path) -> Drawn:
         """Begin to draw a figure, as `matplotlib_renderer.draw` does; without a process it is drawn by the waiting."""
         if isinstance(figure, Absent):
             return list
-        connection, order = self._connection, _Order(figure, sweep, folder, _looks(figure))
-        if connection is None:
+        process, order = self._process, _Order(figure, sweep, folder, _looks(figure))
+        if process is None:
             return lambda: _draw(order)
         with contextlib.suppress(OSError):  # it is gone, as the answer says too
-            connection.send(order)
-        return lambda: _answer(connection) or _draw(order)
-
-
-def _started() -> tuple[subprocess.Popen[bytes], Connection]:
-    here, there = socket.socketpair()
-    with there:
-        path = os.pathsep.join(place or os.getcwd() for place in sys.path)
-        process = subprocess.Popen(
-            [sys.executable, "-c", _MAIN, str(there.fileno())],
-            pass_fds=[there.fileno()],
-            env=os.environ | {"PYTHONPATH": path},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-    return process, Connection(here.detach())
+            process.connection.send(order)
+        return lambda: _answer(process.connection) or _draw(order)
 
 
 def _looks(figure: Figure) -> dict[str, str]:

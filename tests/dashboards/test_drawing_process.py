@@ -29,8 +29,8 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def kill(artist: DrawingProcess) -> None:
     assert artist._process is not None
-    artist._process.kill()
-    artist._process.wait()
+    artist._process.process.kill()
+    artist._process.process.wait()
 
 
 def drawn(artist: DrawingProcess, figures: list[Figure], folder: Path) -> list[bytes]:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import itertools
-import os
 import signal
-import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from orchestrator.child_process import ChildProcess
 from orchestrator.cluster.resources import local_cpus
 from orchestrator.execution.executors.executor import StageRun, Workplace
 from orchestrator.execution.executors.monitor import StageMonitor
@@ -68,11 +66,9 @@ class ProcessPoolExecutor:
 
 
 @dataclass
-class _Process:
+class _Process(ChildProcess):
     """A worker process and its present work."""
 
-    process: subprocess.Popen[bytes]
-    connection: Connection
     trial: str | None = None
     """None: it is idle."""
     payload: WorkerPayload | None = None
@@ -81,11 +77,6 @@ class _Process:
     """The keys of the sources of that stage that it has."""
     last_words: str = ""
     """Why it ends, if it has said so."""
-
-    def end(self) -> None:
-        self.connection.close()
-        self.process.kill()
-        self.process.wait()
 
 
 class _Stage:
@@ -128,18 +119,7 @@ class _Stage:
         return True
 
     def _start(self) -> _Process:
-        here, there = socket.socketpair()
-        path = os.pathsep.join(place or os.getcwd() for place in sys.path)
-        started = subprocess.Popen(
-            [sys.executable, "-c", _MAIN, str(there.fileno())],
-            pass_fds=[there.fileno()],
-            env=os.environ | {"PYTHONPATH": path},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        there.close()
-        process = _Process(started, Connection(here.detach()))
+        process = _Process.start(_MAIN)
         self._processes.append(process)
         return process
 
