@@ -33,8 +33,9 @@ test-fast: setup
 	$(BIN)/python -m pytest $(GROUPED) -m 'not (slow or long or ray or cluster or browser)'
 
 # Several nodes, servers that are killed, other Pythons, MLflow in a browser, and at length what `test` does once.
+test-slow: PROCESSES = 2
 test-slow: setup
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m 'slow and not cluster' --durations=0
+	$(BIN)/python -m pytest $(GROUPED) -m 'slow and not cluster' --durations=0
 	$(BIN)/python -m pytest -m 'slow and cluster' --durations=0
 
 lint: setup

@@ -23,7 +23,6 @@ from orchestrator.results.sweep_folder import Results
 
 SOLVED = 195.0
 """Gymnasium's threshold for CartPole of 200 steps."""
-PAPER = (10_000, False, "squared")
 MEASURES = {"auc": "AUC", "held": "mean after it was solved", "asymptotic": "asymptotic performance"}
 
 
@@ -36,6 +35,9 @@ class BaseLearner(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.replay_capacity:,}, {'double' if self.double else 'plain'}, {self.loss}"
+
+
+PAPER = BaseLearner(10_000, False, "squared")
 
 
 def seeds(results: Results) -> dict[BaseLearner, pd.DataFrame]:
@@ -62,8 +64,8 @@ def report(found: dict[BaseLearner, pd.DataFrame]) -> list[str]:
         (name, len(rows), f"{100 * rows['collapsed'].mean():.0f} %", *(_mean(rows[key]) for key in MEASURES))
         for name, rows in found.items()
     ]
-    base = found.pop(BaseLearner(*PAPER))
-    rows = [(name, label, _gap(other, base, key)) for key, label in MEASURES.items() for name, other in found.items()]
+    base, others = found[PAPER], {name: rows for name, rows in found.items() if name != PAPER}
+    rows = [(name, label, _gap(other, base, key)) for key, label in MEASURES.items() for name, other in others.items()]
     corrected = holm([1.0 if gap.p is None else gap.p for *_, gap in rows])
     second = [
         (name, label, f"{gap.value:+.1f} [{gap.low:+.1f}, {gap.high:+.1f}]", f"{p:.3f}")
