@@ -31,11 +31,14 @@ class TrackingBackend(Protocol):
         check: call it before each write; it raises OSError where another process may have taken over the writing.
         """
 
+    def write_configurations(self, findings: Findings) -> None:
+        """Write the statistics of the configurations before further cells, where readers need them at once."""
+
     def write_cell(self, stage: str, head: Head, read: Callable[[], Record | None]) -> None:
         """Write an ended cell, unless the copy has it; `read` returns its record with the curve."""
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
-        """Write configurations and files once all cells are written; remove what the sweep no longer has."""
+        """Write files, and what else is missing, once all cells are written; remove what the sweep no longer has."""
 
     def end(self, status: str) -> None:
         """Note that the sweep stopped early: KILLED by request, FAILED by an error."""

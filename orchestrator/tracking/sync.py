@@ -24,6 +24,7 @@ def sync(findings: Findings, uri: str, artifacts: Iterable[Path], backend: Track
     results = findings.results
     backend = backend or kind_of(uri).load()(results, uri)
     try:
+        backend.write_configurations(findings)
         for stage, cell, head in results.planned_heads():
             if head is not None:
                 backend.write_cell(stage, head, partial(results.log.record, cell.id))

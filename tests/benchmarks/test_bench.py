@@ -42,7 +42,7 @@ SAID: dict[str, Any] = {
     "demo": {"until the first cell": 10.0, "wall": 30.0, "ideal": 15.0},
     "scaling": {
         "overhead": {"run": 30.0, "work": 50.0, "workers": 2.0},
-        "no-op": [{"cells": 1000.0, "run": 4.0, "mlflow": 12.0}],
+        "no-op": [{"cells": 1000.0, "run": 4.0, "leaderboard": 3.0, "mlflow": 12.0}],
     },
     "plain_ray": {"start": 6.0, "actors": 28.0, "tune": 50.0, "ideal": 25.0},
     "tracking.cell_cost": {"cell": 30.0, "floor": 15.0},

@@ -95,13 +95,20 @@ class Mirror:
             known = self._runs.begin(("aggregate", group), name, {}, self._meta["created"], self.parent)
         return known.run_id
 
-    def write_group(self, group: Group, curve: pd.DataFrame) -> None:
+    def write_configurations(self, findings: Findings) -> None:
+        """Write the aggregate runs: with them the leaderboard is complete, while the cells may take minutes."""
+        groups = [*findings.groups, *findings.confirmations]
+        curves, ranks = mean_curves(findings.points, findings.cells), places(groups)
+        for group in groups:
+            self.write_group(group, curves.get(group.id, NO_CURVE), ranks.get(group.id))
+
+    def write_group(self, group: Group, curve: pd.DataFrame, place: str | None) -> None:
         """Write the aggregate run of one group; a run with older statistics is replaced."""
         metrics, tags = group_figures(group)
         digest = content_id([metrics, tags, curve.to_csv()])
         content = Content(
             name=group_name(group),
-            tags=tags | {"digest": digest},
+            tags=tags | {"digest": digest} | ({"place": place} if place else {}),
             params=group.hyperparameters,
             metrics=metrics,
             curves={
@@ -114,16 +121,11 @@ class Mirror:
             inputs=tasks_of(group),
         )
         self._runs.write(("aggregate", group.id), content)
+        self._runs.place(("aggregate", group.id), place)
 
     def finish(self, findings: Findings, artifacts: Iterable[Path]) -> None:
-        """Write the aggregates, and the description, figures and files of the sweep's run."""
-        cells, every = findings.cells, [*findings.groups, *findings.confirmations]
-        curves = mean_curves(findings.points, cells)
-        for group in every:
-            self.write_group(group, curves.get(group.id, NO_CURVE))
-        runs = self._runs
-        for name, place in places(every).items():
-            runs.client.set_tag(runs.known["aggregate", name].run_id, "place", place)
+        """Write the description, figures and files of the sweep's run, and put the cells below their aggregates."""
+        cells, every, runs = findings.cells, [*findings.groups, *findings.confirmations], self._runs
         for cell_id, groups in cells.groupby("cell_id")["group"].agg(list).items() if len(cells) else ():
             runs.nest(("cell", str(cell_id)), groups)
         description = markdown(self._results, findings.groups, findings.best)

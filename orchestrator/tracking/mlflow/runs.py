@@ -49,6 +49,8 @@ class Known(NamedTuple):
     """The run under which it is nested."""
     groups: str | None = None
     """The configurations of a cell."""
+    place: str | None = None
+    """The rank of a configuration."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,7 @@ class SweepRuns:
                 _whole(run),
                 run.data.tags.get(PARENT),
                 run.data.tags.get("of_group"),
+                run.data.tags.get("place"),
             )
             for run in self._found()
         }
@@ -111,7 +114,7 @@ class SweepRuns:
             known = None
         begun = known is not None and known.digest is None
         known = known or self.begin(key, content.name, content.tags, content.finished - content.seconds, content.above)
-        known = known._replace(digest=digest)
+        known = known._replace(digest=digest, place=content.tags.get("place") if begun else known.place)
         late = {**content.tags, "mlflow.runName": content.name} if begun else {}
         self._fill(known.run_id, content, late)
         self.client.set_terminated(known.run_id, content.status, int(content.finished * 1000))
@@ -156,9 +159,16 @@ class SweepRuns:
         if above is not None:
             identity |= {"cell_id" if kind == "cell" else "group": which, PARENT: above}
         run = self.client.create_run(self._experiment, int(begun * 1000), {**tags, **identity}, name)
-        known = Known(str(run.info.run_id), tags.get("digest"), False, above, tags.get("of_group"))
+        known = Known(str(run.info.run_id), tags.get("digest"), False, above, tags.get("of_group"), tags.get("place"))
         self.known[key] = known
         return known
+
+    def place(self, key: Key, place: str | None) -> None:
+        """Give an aggregate's run its rank, unless it has it."""
+        known = self.known[key]
+        if place is not None and known.place != place:
+            self.client.set_tag(known.run_id, "place", place)
+            self.known[key] = known._replace(place=place)
 
     def nest(self, key: Key, groups: Sequence[str]) -> None:
         """Put a cell's run, if there is one, below the first of its aggregates, and name all of them in a tag."""

@@ -118,6 +118,39 @@ def test_the_leaderboard_goes_task_by_task_and_shows_rounded_numbers(mirrored: R
     assert {run.data.tags["verdict"] for run in shown} <= {"helped", "hurt", "undecided", "baseline"}
 
 
+def test_the_leaderboard_is_whole_before_the_first_cell(
+    few: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(self: Mirror, *words: object) -> None:
+        raise SweepError("stopped before the first cell")
+
+    results = _copy(few, tmp_path)
+    with monkeypatch.context() as patched:
+        patched.setattr(Mirror, "write_cell", stopped)
+        with pytest.raises(SweepError, match="before the first cell"):
+            sync(find(results), tracking_uri(results.storage, None), [])
+    assert kinds(results) == {"aggregate": FEW["aggregate"], "sweep": 1}
+    first = {run.info.run_id: run.data for run in runs(results, "tags.kind = 'aggregate'")}
+    sync(find(results), tracking_uri(results.storage, None), [])
+    assert kinds(results) == FEW
+    again = {run.info.run_id: run.data for run in runs(results, "tags.kind = 'aggregate'")}
+    assert {run_id: (data.metrics, data.tags) for run_id, data in again.items()} == {
+        run_id: (data.metrics, data.tags) for run_id, data in first.items()
+    }
+    assert all("auc" in data.metrics for data in first.values())
+
+
+def test_a_configuration_whose_place_has_changed_keeps_its_run(few: Results, tmp_path: Path) -> None:
+    results = _copy(few, tmp_path)
+    uri = tracking_uri(results.storage, None)
+    sync(find(results), uri, [])
+    before = {run.info.run_id: run.data.tags for run in runs(results, LEADERBOARD.condition)}
+    for run_id in before:
+        client(results).set_tag(run_id, "place", "99.99")
+    sync(find(results), uri, [])
+    assert {run.info.run_id: run.data.tags for run in runs(results, LEADERBOARD.condition)} == before
+
+
 def test_the_sweeps_run_has_the_answer_as_metrics_and_first_in_its_description(mirrored: Results) -> None:
     parent, best = runs(mirrored, "tags.kind = 'sweep'")[0], find(mirrored).best
     counts = Counter(group.verdict for group in best if group.against_base)
@@ -183,8 +216,9 @@ def test_a_run_that_was_cut_off_before_its_figures_is_no_run_that_is_there(
 
     with monkeypatch.context() as patch:
         patch.setattr(MlflowClient, "log_batch", dies)
+        stage, _, record = next(each for each in results.records() if each[2])
         with pytest.raises(OSError, match="gone"):
-            sync(find(results), store, [])
+            Mirror(results, store).write_cell(stage, record.head, lambda: record)
     experiment = (client := MlflowClient(store)).get_experiment_by_name("deltatune/tests")
     assert experiment is not None
     (cut,) = client.search_runs([experiment.experiment_id], "tags.kind = 'cell'")
@@ -299,6 +333,7 @@ def test_who_has_lost_the_writing_to_another_makes_no_request(mirrored: Results,
     second = list(mirrored.records())[1][2]
     for write in (
         lambda: backend.write_cell(stage, second.head, lambda: second),  # type: ignore[union-attr]
+        lambda: backend.write_configurations(find(mirrored)),
         lambda: backend.finish(find(mirrored), []),
         lambda: backend.end("KILLED"),
     ):

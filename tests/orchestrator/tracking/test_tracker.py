@@ -40,7 +40,12 @@ class Store:
     def mirror(self, results: Results, uri: str) -> Any:
         self.status = "RUNNING"
         return SimpleNamespace(
-            known=set(self.runs), parent="p", write_cell=lambda *words: None, end=self.end, finish=lambda *words: None
+            known=set(self.runs),
+            parent="p",
+            write_configurations=lambda *words: None,
+            write_cell=lambda *words: None,
+            end=self.end,
+            finish=lambda *words: None,
         )
 
     def end(self, status: str) -> None:
