@@ -7,9 +7,9 @@ from pathlib import Path
 
 import jinja2
 
-from benchmarks.reproduction import figures, safe, tables
+from benchmarks.reproduction import figures, others, safe, tables
 from benchmarks.reproduction.claims import DEMANDS, MARGIN
-from benchmarks.reproduction.curves import Curves
+from benchmarks.reproduction.curves import Published, published
 from benchmarks.reproduction.verdicts import findings
 from orchestrator.analysis import statistics
 from orchestrator.dataset.dataset import Dataset
@@ -23,9 +23,11 @@ PAIRS = (
 )
 
 
-def page(dataset: Dataset, curves: Curves) -> str:
-    """Return the page; `curves` are the dataset's."""
-    found, standings = findings(curves), safe.standings(curves)
+def page(dataset: Dataset, parts: Published) -> str:
+    """Return the page; `parts` are the dataset's."""
+    curves, beside = parts.paper, parts.baselines
+    found, standings = findings(curves), safe.standings(beside)
+    rivals, pairs = others.tables(beside)
     similar = figures.similarities(curves)
     correlation = (
         statistics.rank_correlation(list(similar["delta"]), list(similar["ratio"])) if len(similar) > 2 else None
@@ -40,10 +42,12 @@ def page(dataset: Dataset, curves: Curves) -> str:
         table_1=tables.table_1(curves),
         progress=tables.progress(curves),
         early=tables.early(curves),
-        fractions=bool(figures.advice_fractions(curves).panels),
+        fractions=bool(figures.advice_fractions(parts.fractions).panels),
         safe=standings,
-        safe_table=safe.table(standings, curves) if standings else "",
-        safe_differences=safe.differences(standings, curves) if standings else "",
+        safe_table=safe.table(standings, beside) if standings else "",
+        safe_differences=safe.differences(standings, beside) if standings else "",
+        rivals=rivals,
+        pairs=pairs,
         sentences=tables.sentences(found),
         verdicts=tables.verdicts(found),
         theorems=tables.theorems(PAIRS),
@@ -68,9 +72,9 @@ def main() -> None:
     parser.add_argument("--docs", type=Path, default=Path("docs"), help="the folder of reproduction.md")
     arguments = parser.parse_args()
     dataset = Dataset(arguments.dataset)
-    curves = Curves(dataset)
-    (arguments.docs / "reproduction.md").write_text(page(dataset, curves))
-    figures.draw(curves, arguments.docs / "images" / "reproduction")
+    parts = published(dataset)
+    (arguments.docs / "reproduction.md").write_text(page(dataset, parts))
+    figures.draw(parts, arguments.docs / "images" / "reproduction")
     print(arguments.docs / "reproduction.md")
 
 

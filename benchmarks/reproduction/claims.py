@@ -48,6 +48,7 @@ MARGIN = 0.05
 """A loss of at most this share of the baseline's AUC counts as none."""
 
 DQN, ES, DELTA_ES = Arm("dqn"), Arm("es"), Arm("delta_es")
+WARM_START = Arm("warm_start", (("last_layer", "source"),))
 Q, PPR, REUSE = Arm("q_learning"), Arm("ppr"), Arm("policy_reuse")
 GATE, SUPPLY_GATE = (Arm("delta_gate", (("threshold", at),)) for at in (10.0, 5.0))
 

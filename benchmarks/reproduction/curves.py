@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -20,6 +21,14 @@ from trainables.tasks.registry import parse_task
 EARLY = {"first_tenth": 0.1, "early": 0.3}
 """Column to the share of the training that it is the AUC of; nearly all of a deep agent's advice acts in the latter."""
 
+BASELINES, FRACTIONS = "baselines-cartpole", "figure4-cartpole"
+"""Names of sweeps, each a part of the page of its own."""
+
+STUDIES = (BASELINES, FRACTIONS, "collapse", "sources")
+"""Beginnings of the names of sweeps that are no experiment of the paper."""
+
+POINTS = ("cell_id", "episode", "greedy_return")
+
 TUNED = frozenset({"learning_rate", "delta_learning_rate", "threshold", "nu", "last_layer", "floor"})
 """Hyperparameters of which the best is taken; all others are the paper's, unless an arm names them."""
 
@@ -28,12 +37,13 @@ PAPERS = {"advice_fraction": SHARE, "begins": "source"}
 
 
 class Curves:
-    """Every published cell of learned sources at the paper's scale, with the statistics that claims are about."""
+    """Published cells of learned sources at the paper's scale, with the statistics that claims are about."""
 
-    def __init__(self, dataset: Dataset) -> None:
-        cells = dataset.cells[dataset.cells["source"] != "exact"].drop_duplicates("cell_id").copy()
+    def __init__(self, dataset: Dataset, sweeps: Collection[str]) -> None:
+        here = dataset.cells["sweep"].isin(sweeps) & (dataset.cells["source"] != "exact")
+        cells = dataset.cells[here].drop_duplicates("cell_id").copy()
         cells["settings"] = [json.loads(cell)["hyperparameters"] for cell in cells["cell"]]
-        points = dataset.points(list(cells["cell_id"]))
+        points = dataset.points(list(cells["cell_id"])) if len(cells) else pd.DataFrame(columns=POINTS)
         ends = points.groupby("cell_id")["episode"].transform("max")
         for column, share in EARLY.items():
             early = points[points["episode"] <= share * ends].groupby("cell_id")["greedy_return"].mean()
@@ -73,6 +83,28 @@ class Curves:
     def paired(self, target: str, first: Arm, second: Arm) -> pd.DataFrame:
         """Return the cells of both arms side by side, where both have the seed; those of the second end in `_base`."""
         return pairs.paired(self.best(target, first), self.best(target, second))
+
+
+@dataclass(frozen=True)
+class Published:
+    """The published cells by the part of the page that they are for: no agent's best is chosen among several parts."""
+
+    paper: Curves
+    """The paper's experiments."""
+    baselines: Curves
+    """Other uses of a source, on CartPole."""
+    fractions: Curves
+    """Figure 4: several shares of the training with advice."""
+
+
+def published(dataset: Dataset) -> Published:
+    """Return the parts of a dataset."""
+    names = set(dataset.cells["sweep"])
+    return Published(
+        Curves(dataset, {name for name in names if not name.startswith(STUDIES)}),
+        Curves(dataset, {BASELINES}),
+        Curves(dataset, {FRACTIONS}),
+    )
 
 
 def seeds(cells: pd.DataFrame) -> int:

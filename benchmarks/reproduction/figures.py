@@ -8,7 +8,7 @@ import pandas as pd
 
 from benchmarks.reproduction import safe
 from benchmarks.reproduction.claims import DEMANDS, DQN, GATE, PPR, REVERSED, SMALL, SUPPLY_GATE, X5, Arm, Q
-from benchmarks.reproduction.curves import Curves, seeds, transfer_ratio
+from benchmarks.reproduction.curves import Curves, Published, seeds, transfer_ratio
 from benchmarks.reproduction.tables import OTHERS, ROWS
 from dashboards import style
 from dashboards.figure_model import Chart, Level, Panel, Series
@@ -18,12 +18,13 @@ from orchestrator.analysis.tables.paper_table1 import AGENTS
 from trainables.delta.bounds import bounds
 
 
-def draw(curves: Curves, folder: Path) -> list[Path]:
+def draw(found: Published, folder: Path) -> list[Path]:
     """Write every figure that the published cells are there for; the files."""
     style.assign([*AGENTS, *OTHERS, "jsrl", "safe_start", "q_learning", "policy_reuse", "ppr", "delta_gate"])
     folder.mkdir(parents=True, exist_ok=True)
-    every = ratios(curves), advice_fractions(curves), similarity(curves), algorithm_1(curves)
-    charts = [chart for chart in (*every, safe.profiles(safe.standings(curves))) if chart.panels]
+    paper = found.paper
+    every = ratios(paper), advice_fractions(found.fractions), similarity(paper), algorithm_1(paper)
+    charts = [chart for chart in (*every, safe.profiles(safe.standings(found.baselines))) if chart.panels]
     paths = [path for chart in charts for path in matplotlib_renderer.draw(chart, "reproduction", folder)]
     for path in paths:
         if path.suffix == ".svg":

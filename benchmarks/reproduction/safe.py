@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.reproduction.claims import DQN, Arm
+from benchmarks.reproduction.claims import DQN, WARM_START, Arm
 from benchmarks.reproduction.curves import Curves, difference, seeds
 from benchmarks.reproduction.tables import ROWS, interval, markdown, p_text
 from dashboards.figure_model import Chart, Level, Panel, Series
@@ -19,7 +19,7 @@ from search_spaces.loading import load
 from trainables.tasks.registry import parse_task
 
 SAFE = Arm("safe_start")
-RIVALS = (DQN, Arm("es"), Arm("delta_es"), Arm("warm_start"), Arm("jsrl"))
+RIVALS = (DQN, Arm("es"), Arm("delta_es"), WARM_START, Arm("jsrl"))
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def _rows(curves: Curves, target: str) -> Iterable[Sequence[object]]:
             yield target, agent, 0, "-", "not run", "-", "-", paper
             continue
         digits = 2 if abs(float(cells["auc"].mean())) < 10 else 1
-        said, sources = _mean(cells, digits), cells["source_cell"].nunique() or "-"
+        said, sources = mean_sd(cells, digits), cells["source_cell"].nunique() or "-"
         if agent == DQN.agent:
             yield target, agent, seeds(cells), sources, said, "-", "-", paper
             continue
@@ -68,7 +68,7 @@ def _rows(curves: Curves, target: str) -> Iterable[Sequence[object]]:
         yield target, agent, seeds(cells), sources, said, _ratio(both), interval(difference(both), digits), paper
 
 
-def _mean(cells: pd.DataFrame, digits: int = 1) -> str:
+def mean_sd(cells: pd.DataFrame, digits: int = 1) -> str:
     """Return mean AUC and standard deviation over cells, as text."""
     return f"{cells['auc'].mean():.{digits}f} ({statistics.sd(list(cells['auc'])):.{digits}f})"
 
@@ -108,7 +108,7 @@ def tabular(curves: Curves) -> str:
             if cells.empty:
                 continue
             gap = None if agent == Q.agent else difference(curves.paired(target, Arm(agent), Q))
-            rows.append((target, agent, seeds(cells), _mean(cells), interval(gap)))
+            rows.append((target, agent, seeds(cells), mean_sd(cells), interval(gap)))
     return markdown(("target", "agent", "seeds", "AUC (sd)", "difference from q_learning [95 %]"), rows)
 
 

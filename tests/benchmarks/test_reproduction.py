@@ -15,7 +15,7 @@ from scipy import stats
 
 from benchmarks.reproduction.__main__ import page
 from benchmarks.reproduction.claims import CLAIMS, DELTA_ES, DQN, ES, X5, Arm, Claim, Comparison
-from benchmarks.reproduction.curves import Curves
+from benchmarks.reproduction.curves import BASELINES, FRACTIONS, Curves, published
 from benchmarks.reproduction.figures import draw
 from benchmarks.reproduction.tables import ROWS
 from benchmarks.reproduction.verdicts import findings, holm
@@ -85,6 +85,12 @@ def test_every_claim_is_of_agents_and_targets_that_there_are() -> None:
             Cell.create(arm.agent, part.target, 0, dict(arm.settings), source if needs else None)
 
 
+def _sweeps(agent: str, settings: dict[str, float]) -> tuple[str, ...]:
+    if agent in ("safe_start", "jsrl"):
+        return (BASELINES,)
+    return (FRACTIONS,) if settings.get("advice_fraction") == 0.5 else ("table1", BASELINES, FRACTIONS)
+
+
 class _Made:
     """A dataset of every row but the last, of all agents, with few seeds of Acrobot and two source networks of es."""
 
@@ -101,8 +107,9 @@ class _Made:
                         )
                         cell = Cell.create(agent, target, seed, settings, None if agent == "dqn" else source)
                         auc = 100.0 + place + float(rng.normal())
-                        rows.append(
+                        rows += [
                             {
+                                "sweep": sweep,
                                 "cell_id": cell.id,
                                 "agent": agent,
                                 "task": cell.task,
@@ -114,7 +121,8 @@ class _Made:
                                 "source_cell": None if agent == "dqn" else network * 16,
                                 "cell": json.dumps(cell.to_json()),
                             }
-                        )
+                            for sweep in _sweeps(agent, settings)
+                        ]
                         points += [
                             {"cell_id": cell.id, "episode": at, "greedy_return": auc, "advised_factor": 0.5}
                             for at in (0, 10)
@@ -130,8 +138,8 @@ class _Made:
 
 def test_further_rows_agents_and_source_networks_find_their_place(tmp_path: Path) -> None:
     made = cast(Dataset, _Made())
-    curves = Curves(made)
-    text = page(made, curves)
+    parts = published(made)
+    text = page(made, parts)
     for target in ROWS[:-1]:
         assert f"|{target}|warm_start|{5 if target.startswith('acrobot') else 10}|1|" in text
     assert "|cartpole:gravity=5x|es|10|2|" in text
@@ -144,15 +152,18 @@ def test_further_rows_agents_and_source_networks_find_their_place(tmp_path: Path
     assert "|acrobot|40 of 40|`deltatune sweep reproduction --tasks acrobot --seeds 5 --name table1-acrobot`|" in text
     assert "|cartpole|80 of 160|" in text
     assert "## Figure 4" in text
+    rivals = text.partition("## Other uses of a source")[2].partition("## An agent that is safe")[0]
+    assert f"|{X5}|jsrl|10|" in rivals
+    assert f"|{X5}|delta_es - es|10|" in rivals
     safe_part = text.partition("## An agent that is safe")[2].partition("## Verdicts")[0]
     for agent in ("safe_start", "dqn", "es", "delta_es", "warm_start", "jsrl"):
         assert f"|{agent}|" in safe_part
     assert "1000000" not in text
-    assert {"table1.png", "figure4.png", "safe.png"} <= {path.name for path in draw(curves, tmp_path)}
+    assert {"table1.png", "figure4.png", "safe.png"} <= {path.name for path in draw(parts, tmp_path)}
 
 
 def test_intervals_are_over_source_networks_where_they_are_crossed_with_seeds() -> None:
-    curves = Curves(cast(Dataset, _Made()))
+    curves = published(cast(Dataset, _Made())).paper
     assert len(curves.best(X5, ES)) == 20
     found = curves.mean(X5, ES)
     assert found is not None
@@ -162,4 +173,4 @@ def test_intervals_are_over_source_networks_where_they_are_crossed_with_seeds() 
 def test_the_page_is_that_of_the_published_dataset() -> None:
     written = (PUBLISHED.parent / "reproduction.md").read_text()
     dataset = Dataset(PUBLISHED)
-    assert page(dataset, Curves(dataset)) == written, "run python -m benchmarks.reproduction"
+    assert page(dataset, published(dataset)) == written, "run python -m benchmarks.reproduction"
