@@ -18,6 +18,7 @@ from filelock import FileLock
 from orchestrator.execution.settings import Settings
 from orchestrator.process_env import prepare
 from tests.small_figures import small_figures
+from trainables.training import throughput
 
 prepare()
 hypothesis.settings.register_profile("deltatune", deadline=None)  # a busy machine is no failure
@@ -200,6 +201,12 @@ def _own_mlflow(monkeypatch: pytest.MonkeyPatch) -> None:
     """No test writes to a store that the environment names."""
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     monkeypatch.delenv("DELTATUNE_STORAGE", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def _short_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A forecast measures an agent's speed for a second: no test needs it that exact."""
+    monkeypatch.setattr(throughput, "SECONDS", 0.02)
 
 
 @pytest.fixture(scope="session")

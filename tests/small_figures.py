@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -38,8 +39,9 @@ def small_figures() -> Iterator[None]:
 
 
 def main() -> None:
-    """`deltatune` with small figures."""
+    """`deltatune` with small figures, which obeys Ctrl-C also where the tests run in the background of a shell."""
     from deltatune.cli.main import main
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with small_figures():
         main()

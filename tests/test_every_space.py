@@ -6,7 +6,6 @@ A feature that was finished alone never met the others; here each meets every sp
 from __future__ import annotations
 
 import contextlib
-import functools
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +39,6 @@ from trainables.agents.registry import agent_named
 from trainables.cell import Cell
 from trainables.errors import InputError
 from trainables.tasks.registry import parse_task
-from trainables.training.throughput import measure
 
 pytestmark = pytest.mark.usefixtures("quick_mlflow")
 
@@ -179,15 +177,14 @@ def snapshot(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_space_in_miniature_is_forecast_run_reported_exported_tracked_and_replayed(
-    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    space: SearchSpace, tmp_path: Path
 ) -> None:
     with contextlib.nullcontext() if space.name in DRAWN else small_figures():
-        from_forecast_to_replay(miniature(space), tmp_path, monkeypatch)
+        from_forecast_to_replay(miniature(space), tmp_path)
 
 
-def from_forecast_to_replay(small: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Results:
+def from_forecast_to_replay(small: SearchSpace, tmp_path: Path) -> Results:
     """Do with a small space all that can be done."""
-    monkeypatch.setattr("orchestrator.execution.forecast.measure", functools.partial(measure, seconds=0.01))
     storage = tmp_path / "storage"
     storage.mkdir()
     forecast(small, LOCAL, Results(storage / small.name), workers=1)
@@ -241,7 +238,6 @@ ALL_AGENTS = ("baselines", "choose-source", *CUSTOM)
 def test_twice_as_many_episodes_continue_every_agent_of_every_space_to_the_bits_of_a_replay(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("orchestrator.execution.forecast.measure", functools.partial(measure, seconds=0.01))
     monkeypatch.setattr("orchestrator.execution.stage.LEAST_SECONDS", 0.0)
     small = miniature(loaded(name, tmp_path))
     results = Results.create(tmp_path, small.name, small)
@@ -289,10 +285,8 @@ def test_a_sequential_test_compares_every_agent_of_every_space_with_what_it_buil
     "name",
     ["demo", *(pytest.param(n, marks=pytest.mark.slow) for n in ("smoke-table1", "custom-task")), "custom-agent"],
 )
-def test_a_sequential_test_over_seeds_goes_from_forecast_to_replay(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    results = from_forecast_to_replay(by_groups(miniature(loaded(name, tmp_path))), tmp_path, monkeypatch)
+def test_a_sequential_test_over_seeds_goes_from_forecast_to_replay(name: str, tmp_path: Path) -> None:
+    results = from_forecast_to_replay(by_groups(miniature(loaded(name, tmp_path))), tmp_path)
     found = find(results)
     assert found.decisions
     assert {each.outcome.state for each in found.decisions} <= {"better", "worse", "undecided"}
@@ -341,13 +335,11 @@ FEW = ("q_learning", "delta_gate", "dqn", "delta_es")
         pytest.param("smoke-table1", "ranked", marks=pytest.mark.slow),
     ],
 )
-def test_several_source_networks_go_from_forecast_to_replay(
-    name: str, pick: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_several_source_networks_go_from_forecast_to_replay(name: str, pick: str, tmp_path: Path) -> None:
     asked = miniature(loaded(name, tmp_path))
     agents = [agent for agent in asked.agents if agent in FEW] if name in built_in() else ()
     small = crossed(narrow(asked, seeds=2, agents=agents), pick)
-    results = from_forecast_to_replay(small, tmp_path, monkeypatch)
+    results = from_forecast_to_replay(small, tmp_path)
     found = find(results)
     learned = [group for group in found.best if group.source == "learned"]
     assert learned

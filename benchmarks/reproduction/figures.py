@@ -9,13 +9,12 @@ import pandas as pd
 from benchmarks.reproduction import safe
 from benchmarks.reproduction.claims import DEMANDS, DQN, GATE, PPR, REVERSED, SMALL, SUPPLY_GATE, X5, Arm, Q
 from benchmarks.reproduction.curves import Curves, Published, seeds, transfer_ratio
-from benchmarks.reproduction.tables import OTHERS, ROWS
+from benchmarks.reproduction.tables import OTHERS, ROWS, exact
 from dashboards import style
 from dashboards.figure_model import Chart, Level, Panel, Series
 from dashboards.renderers import matplotlib_renderer
 from orchestrator.analysis import statistics
 from orchestrator.analysis.tables.paper_table1 import AGENTS
-from trainables.delta.bounds import bounds
 
 
 def draw(found: Published, folder: Path) -> list[Path]:
@@ -108,7 +107,7 @@ def similarities(curves: Curves) -> pd.DataFrame:
         ratio = transfer_ratio(curves.paired(target, Arm("policy_reuse"), Q))
         if ratio is None:
             continue
-        delta = bounds("windy_gridworld", target).max_abs_delta
+        delta = exact("windy_gridworld", target).max_abs_delta
         ends = (100 * (end or 0.0) for end in (ratio.value, ratio.low, ratio.high))
         rows.append((wind or "the source's own task", delta, *ends))
     return pd.DataFrame(rows, columns=["name", "delta", "ratio", "low", "high"])

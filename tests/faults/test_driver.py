@@ -23,7 +23,7 @@ from trainables.storage import checkpoint
     [
         pytest.param(signal.SIGTERM, (), id="ray", marks=[pytest.mark.ray, pytest.mark.slow]),
         pytest.param(signal.SIGINT, ("--local", "--workers", "2"), id="processes"),
-        pytest.param(signal.SIGINT, ("--local", "--workers", "1"), id="in-process"),
+        pytest.param(signal.SIGINT, ("--local", "--workers", "1"), id="in-process", marks=pytest.mark.slow),
     ],
 )
 def test_a_sweep_that_is_asked_to_stop_ends_gracefully_and_goes_on(

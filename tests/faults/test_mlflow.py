@@ -176,6 +176,7 @@ def test_a_queue_that_is_full_is_caught_up_with_at_the_end(
 SECRET = "Tr0ub4dor-and-3"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_figures")
 def test_a_password_opens_the_server_and_is_written_nowhere(
     server: TrackingServer, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

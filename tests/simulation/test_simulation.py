@@ -13,8 +13,8 @@ from tests.simulation.mutants import MUTANTS, Mutant
 from tests.simulation.simulate import SHARES, simulate
 
 SEEDS = [
-    pytest.param(range(start, start + 250), marks=[pytest.mark.slow] if start else [], id=f"{start}-{start + 249}")
-    for start in range(0, 1000, 250)
+    pytest.param(range(start, start + 125), marks=[pytest.mark.slow] if start else [], id=f"{start}-{start + 124}")
+    for start in range(0, 1000, 125)
 ]
 """A thousand, in parts that run beside each other; the first of them at every change."""
 

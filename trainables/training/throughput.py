@@ -44,8 +44,8 @@ class Rate:
         return episodes * steps * self.seconds_per_step + evaluations * ratio * self.seconds_per_evaluation
 
 
-def measure(cell: Cell, seconds: float = SECONDS) -> Rate:
-    """Train `cell` for about that many seconds, with a placeholder source that is hardly trained; return its speed.
+def measure(cell: Cell) -> Rate:
+    """Train `cell` for about SECONDS, with a placeholder source that is hardly trained; return its speed.
 
     Raises whatever the task's code raises.
     """
@@ -58,7 +58,7 @@ def measure(cell: Cell, seconds: float = SECONDS) -> Rate:
     windows = []
     for _ in range(WINDOWS):
         begun, episodes = time.perf_counter(), 0
-        while (spent := time.perf_counter() - begun) < seconds / WINDOWS:
+        while (spent := time.perf_counter() - begun) < SECONDS / WINDOWS:
             learner.run(1)
             episodes += 1
         begun, after = time.perf_counter(), learner.evaluate().step

@@ -207,6 +207,7 @@ def test_it_works_within_the_sandboxed_frame_of_an_artifact_view(visit: Visit, a
     assert visit.complaints == []
 
 
+@pytest.mark.slow
 def test_dark_and_light_follow_the_system_and_the_button(browser: Any, address: str) -> None:
     visit = Visit(browser, 1280, "dark")
     visit.page.goto(address)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import shutil
 from pathlib import Path
@@ -26,16 +25,10 @@ from search_spaces.template import starter
 from trainables.custom import load as load_name
 from trainables.errors import InputError
 from trainables.plugins import loader
-from trainables.training.throughput import measure
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "docs" / "examples"
 SHORT = {"episodes": 4, "evaluate_every": 2, "evaluation_episodes": 2, "hidden_size": 8, "batch_size": 8}
-
-
-@pytest.fixture(autouse=True)
-def _short_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("orchestrator.execution.forecast.measure", functools.partial(measure, seconds=0.05))
 
 
 @pytest.fixture

@@ -170,6 +170,7 @@ def test_of_deep_versions_with_equal_evaluations_the_auc_decides() -> None:
     assert max(tabular, key=standing) == tabular[2]
 
 
+@pytest.mark.slow
 def test_a_process_without_this_package_loads_a_version_and_plays(poles: Results, uri: str, tmp_path: Path) -> None:
     code = f"""
 import sys
