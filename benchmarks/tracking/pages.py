@@ -1,8 +1,8 @@
 """How long MLflow's pages take with a large sweep: `python -m benchmarks.tracking.pages [--cells N] [--json]`.
 
-A sweep of cells that do nothing is copied to a database, which `mlflow server` shows. Chromium opens the leaderboard and
-the table of cells: from the request to the first row on the screen, the first time in a browser and the second, when it
-has the page's scripts. Needs playwright, and Chromium as `chromium`.
+A sweep of cells that do nothing is copied to a database, which `mlflow server` shows. Chromium opens the leaderboard
+and the table of cells: from the request to the first row on the screen, the first time in a browser and the second,
+when it has the page's scripts. Needs playwright, and Chromium as `chromium`.
 """
 
 from __future__ import annotations
