@@ -17,6 +17,12 @@ PLAIN = {"actors": "plain Ray actors", "tune": "plain Ray Tune, a trial each", "
 FIRST_CELL = 8.0
 """Seconds in which the first cell of the demo is to be there."""
 
+DELTA = 1.25
+"""Times the processor time of a whole cell of dqn that one of delta_es may take."""
+
+PAGE = 3.0
+"""Seconds in which a page of MLflow is to open."""
+
 SYNC = 0.006
 """Seconds that the sync of a cell with MLflow is to take."""
 
@@ -34,6 +40,8 @@ def learner(quick: bool) -> Iterator[Row]:
         for peer, name in PEERS.items():
             yield Row(f"dqn, {task}", steps, "steps/CPU s", name, found[f"{peer}_steps_per_cpu_s"])
         yield Row(f"delta_es, {task}", found["delta_es_steps_per_cpu_s"], "steps/CPU s", "dqn", steps)
+    for found in _json("whole_cell", *(("--seeds", "1", "--episodes", "60") if quick else ())):
+        yield Row(f"a cell of delta_es, {found['target']}", found["ratio"], "x dqn's", "goal", DELTA, more=False)
 
 
 def update(quick: bool) -> Iterator[Row]:
@@ -93,6 +101,10 @@ def tracking(quick: bool) -> Iterator[Row]:
     """Yield the cost of MLflow."""
     found = _json("tracking.cell_cost", "--cells", "20" if quick else "100")
     yield Row("MLflow, a cell of 501 points", found["cell"], "ms of CPU", "an empty run", found["floor"], more=False)
+    cells = 100 if quick else 10_000
+    for name, seconds in _json("tracking.pages", "--cells", str(cells)).items():
+        if name != "cells":
+            yield Row(f"{name}, {cells:,} cells", seconds, "s", "goal", PAGE, more=False)
     if quick:
         return
     runs = _json("tracking.sweep_cost")

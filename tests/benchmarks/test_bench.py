@@ -45,6 +45,8 @@ SAID: dict[str, Any] = {
         "no-op": [{"cells": 1000.0, "run": 4.0, "leaderboard": 3.0, "mlflow": 12.0}],
     },
     "plain_ray": {"start": 6.0, "actors": 28.0, "tune": 50.0, "ideal": 25.0},
+    "whole_cell": [{"target": "cartpole:gravity=5x", "ratio": 1.2}],
+    "tracking.pages": {"cells": 10000, "Leaderboard, first visit": 4.0},
     "tracking.cell_cost": {"cell": 30.0, "floor": 15.0},
     "tracking.sweep_cost": [["none", {"run": 50.0}], ["sqlite", {"run": 51.0}]],
 }
@@ -68,6 +70,8 @@ def test_every_part_is_compared_with_a_peer_or_a_limit(monkeypatch: pytest.Monke
     assert found["step, cartpole", "Gymnasium"] == 10.0
     assert found["deltatune status", "2.5 x import numpy, yaml, typer"] == 1.25
     assert found["demo, until its first cell", "goal"] == 0.8
+    assert found["a cell of delta_es, cartpole:gravity=5x", "goal"] == 1.042
+    assert found["Leaderboard, first visit, 10,000 cells", "goal"] == 0.75
     assert found["demo", "its training on all workers"] == 0.5
     assert found["demo without its training", "plain Ray Tune, start and end"] == 0.4
     assert found["1,000 cells of 50 ms", "ideal wall time"] == 0.833
