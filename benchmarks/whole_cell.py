@@ -1,7 +1,7 @@
 """What delta costs over a whole cell of Table 1: `python -m benchmarks.whole_cell [--seeds N] [--episodes N] [--json]`.
 
 CartPole at the paper's scale, on both of its targets: dqn and delta_es of the same seed take turns in one process,
-advised by one source network, which is trained first. delta is trained while the advice acts, a quarter of the training.
+advised by one source network, which is trained first. delta is trained while the advice acts, a quarter of the run.
 A cell's episodes are as long as its agent is good, so steps per second are printed too.
 """
 
