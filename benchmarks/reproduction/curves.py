@@ -24,7 +24,7 @@ EARLY = {"first_tenth": 0.1, "early": 0.3}
 BASELINES, FRACTIONS = "baselines-cartpole", "figure4-cartpole"
 """Names of sweeps, each a part of the page of its own."""
 
-STUDIES = (BASELINES, FRACTIONS, "collapse", "sources")
+STUDIES = (BASELINES, FRACTIONS, "collapse", "source-networks")
 """Beginnings of the names of sweeps that are no experiment of the paper."""
 
 POINTS = ("cell_id", "episode", "greedy_return")

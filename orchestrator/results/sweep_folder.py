@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
+TAKEN = frozenset({"sources", "mlartifacts", "mlflow.db"})
+"""Names, in small letters, that a storage folder has for what is no sweep: the source library, and MLflow's files."""
+
 SWEEP = "sweep.json"
 """The search space with the origin of the sweep."""
 
@@ -49,12 +52,14 @@ Labels = Mapping[str, Sequence[Label]]
 
 
 def check_name(name: str) -> str:
-    """Return `name`. Raises InputError where it is not a valid name of a sweep."""
+    """Return `name`. Raises InputError where it is not a valid name of a sweep, or taken by other files."""
     if not NAME.fullmatch(name):
         raise InputError(
             "a sweep's name must be letters, digits, dots, dashes and underscores, 64 at most, a letter or digit first "
             f"(got {shown(name)})"
         )
+    if name.lower() in TAKEN:  # some file systems ignore the case
+        raise InputError(f"a sweep cannot be named {shown(name)}: its storage folder has that name for other files")
     return name
 
 

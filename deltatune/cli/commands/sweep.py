@@ -71,7 +71,7 @@ def sweep(
         confirm=confirm,
         hyperparameters=fixed,
     )
-    name, console = name or chosen.name, progress_console(context, as_json)
+    name, console = check_name(name or chosen.name), progress_console(context, as_json)
     with console.status(_summary(name, chosen)):
         _prepare(address)
         from orchestrator.cluster.resources import Resources

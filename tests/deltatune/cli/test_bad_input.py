@@ -77,6 +77,14 @@ def test_a_name_that_no_sweep_can_have(name: str, more: list[str]) -> None:
     assert "a sweep's name must be letters" in refused("sweep", "demo", f"--name={name}", *more)
 
 
+@pytest.mark.parametrize("more", [[], ["--dry-run"]], ids=["run", "dry"])
+def test_a_name_that_the_storage_folder_has_for_other_files(tmp_path: Path, more: list[str]) -> None:
+    for name in ("sources", "Sources", "mlartifacts", "mlflow.db"):
+        assert f"a sweep cannot be named '{name}'" in refused("sweep", "demo", f"--name={name}", *more)
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(SPACE | {"name": "sources"}))
+    assert "a sweep cannot be named 'sources'" in refused("sweep", "space.yaml", *more)
+
+
 LONG = "x" * 300
 
 
