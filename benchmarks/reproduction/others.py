@@ -22,7 +22,7 @@ PAIRS = (
     (Arm("relative_es"), ES),
     (WARM_START, DELTA_ES),
 )
-"""Agents that differ in one thing."""
+"""What is compared beside dqn: the parts of Algorithm 2, and a warm start with it."""
 
 
 def tables(curves: Curves) -> tuple[str, str]:
