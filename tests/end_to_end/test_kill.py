@@ -29,7 +29,7 @@ def command(space: Path, storage: Path) -> list[str]:
     return [sys.executable, "-m", "deltatune.cli.main", *words]
 
 
-@pytest.mark.slow  # tests/faults/test_remote.py does the same on an object store
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_figures")
 def test_a_killed_sweep_goes_on_with_its_missing_cells(calm: Path, tmp_path: Path) -> None:
     space = tmp_path / "space.yaml"
@@ -60,7 +60,7 @@ def test_a_killed_sweep_goes_on_with_its_missing_cells(calm: Path, tmp_path: Pat
     assert Counter(kind for kind, _ in runs) == {"cell": CELLS, "aggregate": GROUPS, "sweep": 1}
 
 
-@pytest.mark.slow  # tests/faults/test_remote.py does the same on an object store
+@pytest.mark.slow
 def test_a_killed_deep_sweep_goes_on_from_its_checkpoints(tmp_path: Path) -> None:
     space = tmp_path / "space.yaml"
     values = {"episodes": [400], "evaluate_every": [20], "evaluation_episodes": [5], "hidden_size": [32]}

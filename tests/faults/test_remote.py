@@ -55,6 +55,7 @@ def checkpointed(folder: Path) -> bool:
     return False
 
 
+@pytest.mark.slow  # the simulation does the same with every kind of kill
 @pytest.mark.usefixtures("quick_figures")
 def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
     bucket: str, calm_deep: Path, tmp_path: Path

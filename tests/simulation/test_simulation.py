@@ -37,6 +37,7 @@ def test_a_thousand_seeds_break_no_promise(seeds: range) -> None:
     assert set(SHARES) <= set(injected), "a fault that never strikes tests nothing"
 
 
+@pytest.mark.slow  # of the simulation itself
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.what)
 def test_a_mistake_in_the_code_is_found(mutant: Mutant) -> None:
     assert mutant.caught_by(range(100)) is not None

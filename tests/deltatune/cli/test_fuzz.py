@@ -175,7 +175,9 @@ def fault(words: list[str], code: int, out: str, err: str) -> str:
     return f"a traceback: {err}" if "Traceback" in err else ""
 
 
-@pytest.mark.parametrize("batch", range(BATCHES))
+@pytest.mark.parametrize(
+    "batch", [pytest.param(batch, marks=pytest.mark.slow if batch > 4 else ()) for batch in range(BATCHES)]
+)
 def test_whatever_is_typed_ends_as_documented(
     batch: int, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
