@@ -60,12 +60,12 @@ def _scores(curves: Curves, target: str, arm: Arm) -> crossed.Table:
 
 def table(found: Standings, curves: Curves) -> str:
     """Return IQM, the probability that the safe agent is better, and the worst task of each agent."""
-    rows = []
+    rows, arms = [], {arm.agent: arm for arm in (SAFE, *RIVALS)}
     for agent, scores in sorted(found.scores.items(), key=lambda pair: -across_tasks.iqm(pair[1]).value):
         runs, chance = sum(each.size for each in scores), "-"
         if agent != SAFE.agent:
             chance = _plain(across_tasks.improvement(found.scores[SAFE.agent], scores))
-        rows.append((agent, runs, _plain(across_tasks.iqm(scores)), chance, _worst(found, curves, Arm(agent))))
+        rows.append((agent, runs, _plain(across_tasks.iqm(scores)), chance, _worst(found, curves, arms[agent])))
     head = ("agent", "runs", "IQM [95 %]", "P(safe_start is better) [95 %]", "worst difference from dqn [95 %]")
     return markdown(head, rows)
 

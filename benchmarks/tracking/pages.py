@@ -18,7 +18,7 @@ from typing import Any
 from benchmarks.scaling import space
 from benchmarks.tracking.server import TrackingServer
 from orchestrator.tracking.mlflow.views import LEADERBOARD, VIEWS
-from orchestrator.tracking.ui import TRAINING
+from orchestrator.tracking.ui import leaderboards
 
 PATIENCE = 120_000
 """Milliseconds for a page."""
@@ -32,23 +32,18 @@ def measure(cells: int) -> dict[str, float]:
     """Return the number of cells, and seconds until each page shows its first row, at each visit."""
     with tempfile.TemporaryDirectory(prefix="deltatune-pages-") as name:
         folder = Path(name)
-        experiment = _copied(folder, cells)
+        leaderboard = _copied(folder, cells)
         server = TrackingServer(folder)
         server.start()
         try:
-            paths = {
-                view.name: f"experiments/{experiment}/runs?{TRAINING}&viewStateShareKey={view.key}"
-                for view in VIEWS
-                if view.key in PAGES
-            }
+            paths = {view.name: leaderboard.replace(LEADERBOARD.key, view.key) for view in VIEWS if view.key in PAGES}
             return {"cells": cells, **_visited(server.uri, paths)}
         finally:
             server.kill()
 
 
 def _copied(folder: Path, cells: int) -> str:
-    """Run a sweep, copy it to the server's database, and return its experiment."""
-    from mlflow.tracking import MlflowClient
+    """Run a sweep, copy it to the server's database, and return the path of its leaderboard."""
     from rich.console import Console
 
     from deltatune.publish import publish
@@ -62,7 +57,8 @@ def _copied(folder: Path, cells: int) -> str:
     assert run(results, Settings(local=True, workers=1), Console(quiet=True)).failed == 0
     uri = f"sqlite:///{folder}/server.db"
     sync(publish(results).findings, uri, [])
-    return next(each for each in MlflowClient(uri).search_experiments() if each.name != "Default").experiment_id
+    (leaderboard,) = leaderboards(uri).values()
+    return leaderboard
 
 
 def _visited(address: str, paths: dict[str, str]) -> dict[str, float]:
@@ -78,7 +74,7 @@ def _visited(address: str, paths: dict[str, str]) -> dict[str, float]:
                 page = context.new_page()
                 page.set_default_timeout(PATIENCE)
                 started = time.perf_counter()
-                page.goto(f"{address}/#/{path}")
+                page.goto(f"{address}/{path}")
                 page.locator(ROW).first.wait_for()
                 seconds[f"{name}, {visit} visit"] = round(time.perf_counter() - started, 2)
                 page.close()
