@@ -10,6 +10,7 @@ from typing import Any
 from trainables.cell import content_id
 from trainables.errors import InputError
 from trainables.storage.atomic import write_atomic
+from trainables.storage.paths import read_range
 
 CHECKSUM = "checksum"
 
@@ -34,7 +35,7 @@ def read(path: Path) -> dict[str, Any]:
     Raises DamagedError, which says how to repair the file; InputError where it is missing or cannot be read.
     """
     try:
-        data = json.loads(path.read_bytes())
+        data = json.loads(read_range(path))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:

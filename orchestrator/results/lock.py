@@ -23,7 +23,7 @@ from orchestrator.results.processes import machine, runs, started_at
 from trainables.errors import InputError
 from trainables.storage import disk
 from trainables.storage.atomic import write_atomic
-from trainables.storage.paths import is_local
+from trainables.storage.paths import is_local, read_range
 
 log = logging.getLogger("deltatune.lock")
 
@@ -78,7 +78,7 @@ class Hold:
     def verify(self) -> None:
         """Look up who holds the lease. Raises LeaseUnknownError where the storage does not answer."""
         try:
-            there = json.loads((self.folder / self._file).read_text())
+            there = json.loads(read_range(self.folder / self._file))
         except (FileNotFoundError, ValueError):  # or a driver that took it over has ended since
             there = {} if self._overdue() else self.who
         except Exception as error:  # each kind of storage raises different errors
@@ -181,11 +181,11 @@ def _file_lock(folder: Path, name: str, file: str, what: str) -> Iterator[Hold]:
 
 @contextmanager
 def _lease(folder: Path, file: str, what: str) -> Iterator[Hold]:
-    before, me = _read(folder, file), _me()
+    before, me = _look_up(folder, file), _me()
     if before and (_alive(before) or _changes(folder, file, before)):
         raise _taken(what, _read(folder, file) or before)
     began = clock.since_boot()
-    if (there := _read(folder, file)) != before:
+    if (there := _look_up(folder, file)) != before:
         raise _taken(what, there)
     me["takeovers"] = takeovers = int(before.get("takeovers", 0)) + 1 if before else 0
     _write(folder, file, me)
@@ -253,9 +253,20 @@ def _write(folder: Path, file: str, who: Who) -> None:
     write_atomic(folder / file, json.dumps(who).encode())
 
 
-def _read(folder: Path, file: str) -> Who | None:
+def _look_up(folder: Path, file: str) -> Who | None:
+    """Return who holds the lock, or None. Raises InputError where the storage does not answer."""
     try:
-        who = json.loads((folder / file).read_text())
-    except (OSError, ValueError):
+        who = json.loads(read_range(folder / file))
+    except (FileNotFoundError, ValueError):
         return None
+    except OSError as error:
+        raise InputError(f"cannot look up who holds {folder / file}: {error.strerror or error}") from None
     return who if isinstance(who, dict) else None
+
+
+def _read(folder: Path, file: str) -> Who | None:
+    """Return who holds the lock; None where nobody does, and where the storage does not answer."""
+    try:
+        return _look_up(folder, file)
+    except InputError:
+        return None

@@ -12,6 +12,7 @@ from orchestrator.results.records.record import Record
 from trainables.curve import auc
 from trainables.plugins.names import short
 from trainables.storage.atomic import write_atomic
+from trainables.storage.paths import read_range
 
 log = logging.getLogger("deltatune.results")
 
@@ -185,6 +186,6 @@ def write(folder: Path, snapshot: Snapshot) -> None:
 def read(folder: Path) -> Snapshot | None:
     """Return the last snapshot of a sweep, or None."""
     try:
-        return Snapshot(**json.loads((folder / FILE).read_text()))
+        return Snapshot(**json.loads(read_range(folder / FILE)))
     except (OSError, ValueError, TypeError):
         return None

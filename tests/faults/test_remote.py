@@ -18,13 +18,13 @@ import yaml
 from conftest import DEEP, timeless
 from harness import points, space, wait_for
 
-from orchestrator.results import lock
+from orchestrator.results import checked_json, lock, progress
 from orchestrator.results.sweep_folder import Results
 from orchestrator.tracking.uri import tracking_uri
 from tests.deltatune.cli.in_process import command
 from tests.small_figures import DRAWN_SMALL
 from trainables.errors import InputError
-from trainables.storage.paths import storage_path
+from trainables.storage.paths import read_range, storage_path
 
 moto_server = pytest.importorskip("moto.server")
 pytest.importorskip("s3fs")
@@ -86,7 +86,7 @@ def test_a_killed_sweep_on_an_object_store_goes_on_from_its_checkpoints(
 
 def alive(folder: Any) -> float:
     """When the lease was last renewed."""
-    return float(json.loads((folder / lock.DRIVER).read_text())["alive"])
+    return float(json.loads(read_range(folder / lock.DRIVER))["alive"])
 
 
 def test_a_lease_is_kept_alive_and_a_dead_ones_is_free(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,6 +103,45 @@ def test_a_lease_is_kept_alive_and_a_dead_ones_is_free(bucket: str, monkeypatch:
     (folder / lock.DRIVER).write_text(json.dumps({"pid": 1, "host": "elsewhere", "alive": time.time() - 4}))
     with lock.locked(folder):
         assert str(os.getpid()) in str(lock.driver(folder))
+
+
+def test_what_is_replaced_between_two_requests_of_its_reader_is_read(
+    bucket: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from s3fs.core import S3File
+
+    folder = storage_path(bucket) / "replaced"
+    fetch = S3File._fetch_range
+    with lock.locked(folder) as hold:
+        checked_json.write(folder / "plan.json", {"schema": 1})
+        progress.write(folder, progress.Snapshot("transfer", 1))
+
+        def beat_first(file: S3File, start: int, end: int) -> bytes:
+            hold.beat()
+            checked_json.write(folder / "plan.json", {"schema": 1, "again": time.time()})
+            progress.write(folder, progress.Snapshot("transfer", 1, updated=time.time()))
+            return bytes(fetch(file, start, end))
+
+        monkeypatch.setattr(S3File, "_fetch_range", beat_first)
+        assert lock.driver(folder) is not None
+        hold.verify()
+        assert not hold.lost
+        assert checked_json.read(folder / "plan.json")["schema"] == 1
+        assert progress.read(folder) is not None
+
+
+def test_no_lease_is_taken_while_the_storage_does_not_answer(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = storage_path(bucket) / "silent"
+
+    def fail(*_: object) -> bytes:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(lock, "read_range", fail)
+    sentence = r"cannot look up who holds .*\.driver\.json: Input/output error"
+    with pytest.raises(InputError, match=sentence), lock.locked(folder):
+        pass
+    monkeypatch.undo()
+    assert not (folder / lock.DRIVER).exists()
 
 
 def test_mlflows_database_cannot_be_on_an_object_store(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
