@@ -25,9 +25,9 @@ PAIRS = (
 
 def page(dataset: Dataset, parts: Published) -> str:
     """Return the page; `parts` are the dataset's."""
-    curves, beside = parts.paper, parts.baselines
-    found, standings = findings(curves), safe.standings(beside)
-    rivals, pairs = others.tables(beside)
+    curves = parts.paper
+    found, standings = findings(curves), safe.standings(parts.safe)
+    rivals, pairs = others.tables(parts.baselines)
     similar = figures.similarities(curves)
     correlation = (
         statistics.rank_correlation(list(similar["delta"]), list(similar["ratio"])) if len(similar) > 2 else None
@@ -44,8 +44,8 @@ def page(dataset: Dataset, parts: Published) -> str:
         early=tables.early(curves),
         fractions=bool(figures.advice_fractions(parts.fractions).panels),
         safe=standings,
-        safe_table=safe.table(standings, beside) if standings else "",
-        safe_differences=safe.differences(standings, beside) if standings else "",
+        safe_table=safe.table(standings, parts.safe) if standings else "",
+        safe_differences=safe.differences(standings, parts.safe) if standings else "",
         rivals=rivals,
         pairs=pairs,
         sentences=tables.sentences(found),

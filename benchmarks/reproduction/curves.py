@@ -21,10 +21,10 @@ from trainables.tasks.registry import parse_task
 EARLY = {"first_tenth": 0.1, "early": 0.3}
 """Column to the share of the training that it is the AUC of; nearly all of a deep agent's advice acts in the latter."""
 
-BASELINES, FRACTIONS = "baselines-cartpole", "figure4-cartpole"
-"""Names of sweeps, each a part of the page of its own."""
+BASELINES, FRACTIONS, SAFE = "baselines-cartpole", "figure4-cartpole", "safe-tasks"
+"""Names of sweeps for parts of the page of their own."""
 
-STUDIES = (BASELINES, FRACTIONS, "collapse", "source-networks")
+STUDIES = (BASELINES, FRACTIONS, SAFE, "collapse", "source-networks")
 """Beginnings of the names of sweeps that are no experiment of the paper."""
 
 POINTS = ("cell_id", "episode", "greedy_return")
@@ -93,6 +93,8 @@ class Published:
     """The paper's experiments."""
     baselines: Curves
     """Other uses of a source, on CartPole."""
+    safe: Curves
+    """The safe agent and its rivals on all tasks, with as many seeds for each of them."""
     fractions: Curves
     """Figure 4: several shares of the training with advice."""
 
@@ -103,6 +105,7 @@ def published(dataset: Dataset) -> Published:
     return Published(
         Curves(dataset, {name for name in names if not name.startswith(STUDIES)}),
         Curves(dataset, {BASELINES}),
+        Curves(dataset, {BASELINES, SAFE}),
         Curves(dataset, {FRACTIONS}),
     )
 

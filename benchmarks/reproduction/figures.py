@@ -23,7 +23,7 @@ def draw(found: Published, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     paper = found.paper
     every = ratios(paper), advice_fractions(found.fractions), similarity(paper), algorithm_1(paper)
-    charts = [chart for chart in (*every, safe.profiles(safe.standings(found.baselines))) if chart.panels]
+    charts = [chart for chart in (*every, safe.profiles(safe.standings(found.safe))) if chart.panels]
     paths = [path for chart in charts for path in matplotlib_renderer.draw(chart, "reproduction", folder)]
     for path in paths:
         if path.suffix == ".svg":

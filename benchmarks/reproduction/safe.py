@@ -14,7 +14,7 @@ from orchestrator.analysis.inference import across_tasks, crossed
 from orchestrator.analysis.inference.across_tasks import Scores
 from orchestrator.analysis.inference.multiplicity import holm
 from orchestrator.analysis.over_tasks import reference
-from orchestrator.analysis.statistics import Estimate
+from orchestrator.analysis.statistics import Estimate, tested
 from search_spaces.loading import load
 from trainables.tasks.registry import parse_task
 
@@ -59,15 +59,42 @@ def _scores(curves: Curves, target: str, arm: Arm) -> crossed.Table:
 
 
 def table(found: Standings, curves: Curves) -> str:
-    """Return IQM, the probability that the safe agent is better, and the worst task of each agent."""
+    """Return IQM, how the safe agent compares, and the worst task of each agent."""
     rows, arms = [], {arm.agent: arm for arm in (SAFE, *RIVALS)}
     for agent, scores in sorted(found.scores.items(), key=lambda pair: -across_tasks.iqm(pair[1]).value):
-        runs, chance = sum(each.size for each in scores), "-"
+        runs, gap, chance = sum(each.size for each in scores), "-", "-"
         if agent != SAFE.agent:
+            gap = interval(gain(found, curves, arms[agent]), 2)
             chance = _plain(across_tasks.improvement(found.scores[SAFE.agent], scores))
-        rows.append((agent, runs, _plain(across_tasks.iqm(scores)), chance, _worst(found, curves, arms[agent])))
-    head = ("agent", "runs", "IQM [95 %]", "P(safe_start is better) [95 %]", "worst difference from dqn [95 %]")
+        rows.append((agent, runs, _plain(across_tasks.iqm(scores)), gap, chance, _worst(found, curves, arms[agent])))
+    head = (
+        "agent",
+        "runs",
+        "IQM [95 %]",
+        "safe_start less the agent [95 %]",
+        "P(safe_start is better) [95 %]",
+        "worst difference from dqn [95 %]",
+    )
     return markdown(head, rows)
+
+
+def gain(found: Standings, curves: Curves, arm: Arm) -> Estimate:
+    """Return the safe agent's normalised AUC less another's, paired by seed: the mean over tasks.
+
+    By Student's t, the standard errors of the tasks put together with Satterthwaite's degrees of freedom.
+    """
+    gaps = [_gaps(curves, task, arm) for task in found.tasks]
+    errors = [crossed.standard_error(each) for each in gaps]
+    variances = np.array([(error or 0.0) ** 2 for error, _ in errors])
+    freedom = variances.sum() ** 2 / sum(part**2 / df for part, (_, df) in zip(variances, errors, strict=True))
+    value = float(np.mean([each.mean() for each in gaps]))
+    return tested(value, float(np.sqrt(variances.sum())) / len(gaps), float(freedom))
+
+
+def _gaps(curves: Curves, target: str, arm: Arm) -> crossed.Table:
+    both = curves.paired(target, SAFE, arm)
+    gaps = both.assign(gap=both["auc"] - both["auc_base"])
+    return crossed.rectangle(gaps.reindex(columns=[*crossed.BY, "gap"]), "gap") / float(np.ptp(_references(target)))
 
 
 def _plain(estimate: Estimate) -> str:

@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from benchmarks.reproduction import safe
 from benchmarks.reproduction.__main__ import page
-from benchmarks.reproduction.claims import CLAIMS, DELTA_ES, DQN, ES, X5, Arm, Claim, Comparison
-from benchmarks.reproduction.curves import BASELINES, FRACTIONS, Curves, published
+from benchmarks.reproduction.claims import CLAIMS, DELTA_ES, DQN, ES, LONG, X5, Arm, Claim, Comparison
+from benchmarks.reproduction.curves import BASELINES, FRACTIONS, SAFE, Curves, difference, published
 from benchmarks.reproduction.figures import draw
 from benchmarks.reproduction.tables import ROWS
 from benchmarks.reproduction.verdicts import findings, holm
@@ -85,7 +86,9 @@ def test_every_claim_is_of_agents_and_targets_that_there_are() -> None:
             Cell.create(arm.agent, part.target, 0, dict(arm.settings), source if needs else None)
 
 
-def _sweeps(agent: str, settings: dict[str, float]) -> tuple[str, ...]:
+def _sweeps(target: str, agent: str, settings: dict[str, float]) -> tuple[str, ...]:
+    if target.startswith("acrobot") and settings.get("advice_fraction") != 0.5:
+        return ("table1", SAFE)
     if agent in ("safe_start", "jsrl"):
         return (BASELINES,)
     return (FRACTIONS,) if settings.get("advice_fraction") == 0.5 else ("table1", BASELINES, FRACTIONS)
@@ -121,7 +124,7 @@ class _Made:
                                 "source_cell": None if agent == "dqn" else network * 16,
                                 "cell": json.dumps(cell.to_json()),
                             }
-                            for sweep in _sweeps(agent, settings)
+                            for sweep in _sweeps(target, agent, settings)
                         ]
                         points += [
                             {"cell_id": cell.id, "episode": at, "greedy_return": auc, "advised_factor": 0.5}
@@ -160,6 +163,26 @@ def test_further_rows_agents_and_source_networks_find_their_place(tmp_path: Path
         assert f"|{agent}|" in safe_part
     assert "1000000" not in text
     assert {"table1.png", "figure4.png", "safe.png"} <= {path.name for path in draw(parts, tmp_path)}
+
+
+def test_the_gain_of_the_safe_agent_weighs_targets_the_same_and_is_students_on_one() -> None:
+    curves = published(cast(Dataset, _Made())).safe
+    standings = safe.standings(curves)
+    assert standings is not None
+    assert {X5, LONG} < set(standings.tasks)
+    each = {
+        task: safe.gain(safe.Standings((task,), standings.scores, ()), curves, DELTA_ES) for task in standings.tasks
+    }
+    student = difference(curves.paired(X5, safe.SAFE, DELTA_ES))
+    assert student is not None
+    assert each[X5].value == pytest.approx(student.value / 178.05)
+    assert (each[X5].low, each[X5].high, each[X5].p) == pytest.approx(
+        (student.low / 178.05, student.high / 178.05, student.p)  # type: ignore[operator]
+    )
+    together = safe.gain(standings, curves, DELTA_ES)
+    assert together.value == pytest.approx(np.mean([gain.value for gain in each.values()]))
+    assert together.df is not None
+    assert together.df >= min(gain.df for gain in each.values() if gain.df is not None)
 
 
 def test_intervals_are_over_source_networks_where_they_are_crossed_with_seeds() -> None:

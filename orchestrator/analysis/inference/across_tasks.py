@@ -3,16 +3,19 @@
 R. Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021. Scores are a
 table (sources, seeds) per task, of one row where source networks are not crossed with seeds. A resample draws seeds
 within each task, and source networks too where there are several (A. B. Owen, "The pigeonhole bootstrap", 2007).
+
+Every task weighs the same, also where one has more runs than another. With as many runs on each, the numbers are
+rliable's.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from orchestrator.analysis.inference.crossed import Table
 from orchestrator.analysis.statistics import LEVEL, RESAMPLES, Estimate, probability_of_improvement
@@ -27,12 +30,25 @@ SOLVED = 1.0
 
 def iqm(scores: Scores) -> Estimate:
     """Return the interquartile mean of all runs of all tasks: the mean of the middle half."""
-    return _bootstrapped(scores, lambda tables: stats.trim_mean(_flat(tables), 0.25, axis=-1))
+    return _bootstrapped(scores, _middle)
+
+
+def _middle(tables: Scores) -> Array:
+    """Return the mean of what is left of all runs without a quarter of their weight at each end.
+
+    A quarter is rounded down to whole runs, as in scipy's trim_mean.
+    """
+    runs, weights = _flat(tables), _weights(tables)
+    order = runs.argsort(axis=-1)
+    ends = weights[order].cumsum(axis=-1)
+    cut = int(0.25 * weights.size) / weights.size
+    left = np.clip(ends, cut, 1 - cut) - np.clip(ends - weights[order], cut, 1 - cut)
+    return np.asarray((np.take_along_axis(runs, order, axis=-1) * left).sum(axis=-1) / left.sum(axis=-1))
 
 
 def mean(scores: Scores) -> Estimate:
     """Return the mean over tasks of the means over runs."""
-    return _bootstrapped(scores, lambda tables: _task_means(tables).mean(axis=-1))
+    return _bootstrapped(scores, _mean)
 
 
 def median(scores: Scores) -> Estimate:
@@ -42,15 +58,15 @@ def median(scores: Scores) -> Estimate:
 
 def optimality_gap(scores: Scores) -> Estimate:
     """Return by how much runs fall short of a solution on average; what exceeds one counts as one."""
-    return _bootstrapped(scores, lambda tables: SOLVED - np.minimum(_flat(tables), SOLVED).mean(axis=-1))
+    return _bootstrapped(scores, lambda tables: SOLVED - _mean([np.minimum(each, SOLVED) for each in tables]))
 
 
 def profile(scores: Scores, thresholds: Sequence[float]) -> tuple[Array, Array, Array]:
     """Return the share of runs with a score above each threshold, and its pointwise interval: (value, low, high)."""
     levels = np.asarray(thresholds, np.float64)
-    runs, drawn = _flat(scores), _flat(_resampled(scores))
-    value = np.array([(runs > level).mean() for level in levels])
-    shares = np.stack([(drawn > level).mean(axis=-1) for level in levels])
+    drawn = _resampled(scores)
+    value = np.array([_mean([table > level for table in scores]) for level in levels])
+    shares = np.stack([_mean([table > level for table in drawn]) for level in levels])
     low, high = np.quantile(shares, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=1)
     return value, low, high
 
@@ -79,8 +95,19 @@ def _flat(tables: Scores) -> Array:
     return np.concatenate([table.reshape(*table.shape[:-2], -1) for table in tables], axis=-1)
 
 
-def _task_means(tables: Scores) -> Array:
+def _weights(tables: Scores) -> Array:
+    """Return the weight of each run in `_flat`, the same for every task; their sum is 1."""
+    counts = [table.shape[-2] * table.shape[-1] for table in tables]
+    return np.concatenate([np.full(count, 1 / (len(counts) * count)) for count in counts])
+
+
+def _task_means(tables: Sequence[NDArray[Any]]) -> Array:
     return np.stack([table.mean(axis=(-2, -1)) for table in tables], axis=-1)
+
+
+def _mean(tables: Sequence[NDArray[Any]]) -> Array:
+    """Return the mean over tasks of the means over runs."""
+    return np.asarray(_task_means(tables).mean(axis=-1))
 
 
 def _resampled(scores: Scores) -> list[Array]:

@@ -97,21 +97,26 @@ def mean_squares(table: Table) -> tuple[float, float, float]:
 
 
 def mean(table: Table) -> Estimate:
-    """Return the mean over sources and seeds with an interval and p-value for which both are random.
+    """Return the mean over sources and seeds with an interval and p-value for which both are random, by Student's t."""
+    return tested(float(table.mean()), *standard_error(table))
+
+
+def standard_error(table: Table) -> tuple[float | None, float]:
+    """Return the standard error of the mean over sources and seeds, None for one cell, and its degrees of freedom.
 
     Var(mean) = (MS_sources + MS_seeds - MS_rest) / (sources seeds), components below 0 taken for 0, with
-    Satterthwaite's degrees of freedom; Student's t over seeds for one source network, over networks for one seed.
+    Satterthwaite's degrees of freedom; over seeds alone for one source network, over networks alone for one seed.
     """
-    value, (sources, seeds) = float(table.mean()), table.shape
+    sources, seeds = table.shape
     if min(sources, seeds) == 1:
         n = max(sources, seeds)
-        return tested(value, float(table.std(ddof=1)) / math.sqrt(n) if n > 1 else None, n - 1)
+        return float(table.std(ddof=1)) / math.sqrt(n) if n > 1 else None, n - 1
     between, within, rest = mean_squares(table)
     between, within = max(between, rest), max(within, rest)
     spread = between + within - rest
     parts = between**2 / (sources - 1) + within**2 / (seeds - 1) + rest**2 / ((sources - 1) * (seeds - 1))
     df = spread**2 / parts if parts > 0 else float(min(sources, seeds) - 1)
-    return tested(value, math.sqrt(spread / table.size), df)
+    return math.sqrt(spread / table.size), df
 
 
 WIDEST = 1e9

@@ -79,6 +79,31 @@ def test_a_performance_profile_is_rliables() -> None:
     assert list(high) == pytest.approx([1.0, 0.85, 0.6, 0.4, 0.25], abs=0.051)
 
 
+def test_the_middle_half_is_scipys_trimmed_mean() -> None:
+    from scipy import stats
+
+    rng = np.random.default_rng(3)
+    for runs in range(1, 14):
+        x = rng.normal(size=(runs, 3))
+        assert across_tasks.iqm(tables(x)).value == pytest.approx(float(stats.trim_mean(x.ravel(), 0.25)), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", RLIABLE)
+def test_a_task_with_more_runs_weighs_no_more_than_another(name: str) -> None:
+    aggregate = getattr(across_tasks, name)
+    few = tables(np.tile(X, (4, 1)))  # each run four times: nothing changes, whatever is left of a quarter
+    more = [np.tile(table, (1, 3)) if task == 1 else table for task, table in enumerate(few)]
+    assert aggregate(more).value == pytest.approx(aggregate(few).value, rel=1e-12)
+
+
+def test_a_profile_weighs_every_task_the_same() -> None:
+    levels = [0.0, 0.25, 0.5, 0.75, 1.0]
+    more = [np.tile(table, (1, 3)) if task == 1 else table for task, table in enumerate(tables(X))]
+    assert list(across_tasks.profile(more, levels)[0]) == pytest.approx(
+        list(across_tasks.profile(tables(X), levels)[0]), rel=1e-12
+    )
+
+
 def test_the_probability_of_improvement_is_rliables_and_never_sure() -> None:
     assert across_tasks.improvement(tables(X), tables(Y)).value == pytest.approx(0.775, rel=1e-12)
     sure = across_tasks.improvement(tables(X + 10), tables(Y))
