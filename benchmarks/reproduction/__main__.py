@@ -7,7 +7,7 @@ from pathlib import Path
 
 import jinja2
 
-from benchmarks.reproduction import figures, others, safe, tables
+from benchmarks.reproduction import figures, others, safe, summary, tables
 from benchmarks.reproduction.claims import DEMANDS, MARGIN
 from benchmarks.reproduction.curves import Published, published
 from benchmarks.reproduction.verdicts import findings
@@ -37,6 +37,7 @@ def page(dataset: Dataset, parts: Published) -> str:
     ).render(
         cells=f"{dataset.cells['cell_id'].nunique():,}",
         hours=f"{dataset.cells.drop_duplicates('cell_id')['seconds'].sum() / 3600:.1f}",
+        in_short=summary.sentences(parts, found, standings),
         margin=f"{MARGIN:.0%}",
         comparisons=len({each.comparison for _, all_of in found for each in all_of if each.p is not None}),
         table_1=tables.table_1(curves),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import cast
 
@@ -13,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from benchmarks.reproduction import safe
+from benchmarks.reproduction import safe, summary
 from benchmarks.reproduction.__main__ import page
 from benchmarks.reproduction.claims import CLAIMS, DELTA_ES, DQN, ES, LONG, X5, Arm, Claim, Comparison
 from benchmarks.reproduction.curves import BASELINES, FRACTIONS, SAFE, Curves, difference, published
@@ -64,6 +65,15 @@ def test_a_verdict_is_that_of_the_corrected_test() -> None:
     assert _verdicts(aucs, Comparison(X5, DELTA_ES, DQN, "no worse")) == ["confirmed"]
     assert _verdicts(aucs, Comparison(X5, DELTA_ES, ES, "no worse")) == ["contradicted before correction"]
     assert _verdicts({"dqn": [1.0]}, Comparison(X5, ES, DQN)) == ["not run"]
+
+
+def test_every_verdict_has_its_place_in_the_summary() -> None:
+    draws = np.random.default_rng(0).normal(0, 1, (2, 12))
+    parts = [Comparison(X5, ES, DQN), Comparison(X5, DQN, ES), Comparison(X5, ES, DQN, "no worse")]
+    parts += [Comparison(X5, DQN, ES, "no worse"), Comparison(X5, ES, DQN, column="first_tenth")]
+    for lead in np.linspace(-30, 30, 121):
+        aucs = {"dqn": list(100 + draws[0]), "es": list(100 + lead / 10 + draws[1])}
+        assert set(_verdicts(aucs, *parts)) <= set(summary.VERDICTS)
 
 
 def test_the_correction_can_take_a_claim_back() -> None:
@@ -155,6 +165,10 @@ def test_further_rows_agents_and_source_networks_find_their_place(tmp_path: Path
     assert "|acrobot|40 of 40|`deltatune sweep reproduction --tasks acrobot --seeds 5 --name table1-acrobot`|" in text
     assert "|cartpole|80 of 160|" in text
     assert "## Figure 4" in text
+    short = text.partition("## In short")[2].partition("## Method")[0]
+    assert "Against `dqn` on 8 deep targets, after Holm's correction for these 24 comparisons" in short
+    assert re.search(r"`delta_es` is better than `es`, .*, on [5-8] of 8 deep targets, and worse on none", short)
+    assert "`safe_start` is worse than `dqn` on none of 8 targets" in short
     rivals = text.partition("## Other uses of a source")[2].partition("## An agent that is safe")[0]
     assert f"|{X5}|jsrl|10|" in rivals
     assert f"|{X5}|delta_es - es|10|" in rivals
