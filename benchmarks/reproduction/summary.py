@@ -65,9 +65,10 @@ def _delta(curves: Curves) -> str:
         return ""
     sure = _sure(known.values())
     signs = [gap.value > 0 for gap in known.values() if id(gap) in sure]
+    better, worse = _count(signs.count(True)), _count(signs.count(False))
     return (
-        f"`delta_es` is better than `es`, the same advice without delta, on {_count(signs.count(True))} of "
-        f"{len(known)} deep targets, and worse on {_count(signs.count(False))}, after Holm's correction for {len(known)}."
+        f"`delta_es` is better than `es`, the same advice without delta, on {better} of {len(known)} deep targets, and "
+        f"worse on {worse}, after Holm's correction for {len(known)}."
     )
 
 
