@@ -26,7 +26,7 @@ PAIRS = (
 def page(dataset: Dataset, parts: Published) -> str:
     """Return the page; `parts` are the dataset's."""
     curves = parts.paper
-    found, standings = findings(curves), safe.standings(parts.safe)
+    found, standings = findings(curves, parts.fractions), safe.standings(parts.safe)
     rivals, pairs = others.tables(parts.baselines)
     similar = figures.similarities(curves)
     correlation = (

@@ -29,8 +29,11 @@ class Comparison:
     worse: Arm
     kind: Literal["above", "no worse"] = "above"
     """above: the first is better than the second; no worse: it is at most MARGIN of the second's AUC below it."""
-    column: Literal["auc", "first_tenth"] = "auc"
-    """The statistic: AUC, or the AUC of the first tenth of the training (a jumpstart)."""
+    column: Literal["auc", "first_tenth", "range", "log_variance"] = "auc"
+    """The statistic: AUC, or the AUC of the first tenth of the training (a jumpstart). Of Figure 4, per source network:
+    the range of the mean AUCs over FRACTIONS, or the logarithm of the AUC's variance over seeds, averaged over them."""
+    shares: bool = False
+    """Whether it is about the cells of Figure 4, with several shares of the training with advice."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,9 @@ class Claim:
     where: str
     parts: tuple[Comparison, ...]
 
+
+FRACTIONS = (0.25, 0.5, 1.0)
+"""Figure 4's shares of the training with advice."""
 
 MARGIN = 0.05
 """A loss of at most this share of the baseline's AUC counts as none."""
@@ -59,6 +65,8 @@ X5, X7 = "cartpole:gravity=5x", "cartpole:gravity=7x"
 LONG, LONGER = "acrobot:link_mass=1.5", "acrobot:link_mass=2"
 HEAVY, LIGHT = "lunar_lander:mass=1.1", "lunar_lander:mass=0.75"
 PUSHED = ("reacher:y_force=0.75", "reacher:y_force=1")
+
+SHORT, LONG_ADVICE = (Arm("delta_es", (("advice_fraction", at),)) for at in (FRACTIONS[0], FRACTIONS[-1]))
 
 CLAIMS = (
     Claim(
@@ -109,6 +117,18 @@ CLAIMS = (
         "slightly detrimental too [...] whereas the explicit shaping algorithm results in negative transfer",
         "Table 1",
         (Comparison(X7, DELTA_ES, DQN), Comparison(X7, DQN, ES)),
+    ),
+    Claim(
+        "sensitivity to C",
+        "average performance of delta-based explicit shaping is similar across different values of C while the "
+        "explicit shaping algorithm is relatively more sensitive to C and has higher variances across different runs",
+        "Figure 4",
+        (
+            Comparison(X5, SHORT, LONG_ADVICE, "no worse", shares=True),
+            Comparison(X5, LONG_ADVICE, SHORT, "no worse", shares=True),
+            Comparison(X5, ES, DELTA_ES, column="range", shares=True),
+            Comparison(X5, ES, DELTA_ES, column="log_variance", shares=True),
+        ),
     ),
     Claim(
         "Acrobot 1.5",

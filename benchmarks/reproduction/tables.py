@@ -25,6 +25,14 @@ ROWS = (*TABLE_1, "lunar_lander:mass=1.5")
 PLANNED = {"cartpole": 20, "acrobot": 5, "lunar_lander": 5, "reacher": 5}
 """Seeds that this page is to have, by task."""
 
+STATISTICS = {
+    "auc": "",
+    "first_tenth": " in the first tenth",
+    "range": " in the range over shares of advice, per source network",
+    "log_variance": " in the logarithm of the variance over seeds, per source network",
+}
+"""What a comparison is of, as the page says it."""
+
 OTHERS = ("warm_start",)
 """Agents other than the paper's that every row has."""
 
@@ -122,7 +130,7 @@ def verdicts(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
         for number, finding in enumerate(finding for finding in findings if finding.p is not None):
             part = finding.comparison
             sign = ">" if part.kind == "above" else "≥"
-            what = " in the first tenth" if part.column == "first_tenth" else ""
+            what = STATISTICS[part.column]
             rows.append(
                 (
                     f"*{claim.name}*" if number == 0 else "",

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pandas as pd
 
-from benchmarks.reproduction.claims import CLAIMS, MARGIN, Claim, Comparison
+from benchmarks.reproduction.claims import CLAIMS, FRACTIONS, MARGIN, Arm, Claim, Comparison
 from benchmarks.reproduction.curves import Curves, difference, seeds
 from orchestrator.analysis import statistics
 from orchestrator.analysis.inference.multiplicity import holm
@@ -47,22 +48,46 @@ class Finding:
         return f"{word} before correction only" if self.p < ALPHA else "undecided"
 
 
-def findings(curves: Curves, claims: Sequence[Claim] = CLAIMS) -> list[tuple[Claim, list[Finding]]]:
-    """Return each claim with its findings, p-values corrected over all; one that two claims share counts once."""
-    plain = {part: _find(curves, part) for claim in claims for part in claim.parts}
+def findings(curves: Curves, shares: Curves, claims: Sequence[Claim] = CLAIMS) -> list[tuple[Claim, list[Finding]]]:
+    """Return each claim with its findings, p-values corrected over all; one that two claims share counts once.
+
+    shares: the cells of Figure 4.
+    """
+    plain = {part: _find(shares if part.shares else curves, part) for claim in claims for part in claim.parts}
     run = [part for part, finding in plain.items() if finding.p is not None]
     corrected = dict(zip(run, holm([plain[part].p or 0.0 for part in run]), strict=True))
     return [(claim, [replace(plain[part], corrected=corrected.get(part)) for part in claim.parts]) for claim in claims]
 
 
 def _find(curves: Curves, part: Comparison) -> Finding:
-    both = curves.paired(part.target, part.better, part.worse)
+    both = _paired(curves, part)
     gap = difference(both, part.column)
     if gap is None:
         return Finding(part, seeds(both), None, float("nan"), None)
     base = float(both[f"{part.column}_base"].mean())
     p = _no_worse(both, part.column, MARGIN * abs(base)) if part.kind == "no worse" else gap.p
     return Finding(part, seeds(both), gap, base, p)
+
+
+def _paired(curves: Curves, part: Comparison) -> pd.DataFrame:
+    """Return the statistic of both, a row per pair: of cells, or of source networks, which take the seeds' place."""
+    if part.column in ("auc", "first_tenth"):
+        return curves.paired(part.target, part.better, part.worse)
+    first, second = (spreads(curves, part.target, arm, part.column) for arm in (part.better, part.worse))
+    both = pd.DataFrame({part.column: first, f"{part.column}_base": second}).dropna()
+    return both.assign(seed=range(len(both)), source_cell=None)
+
+
+def spreads(curves: Curves, target: str, arm: Arm, column: str) -> pd.Series[float]:
+    """Return the range of an arm's means over FRACTIONS, or the logarithm of its variance, by source network."""
+    cells = [curves.best(target, replace(arm, settings=(("advice_fraction", at),))) for at in FRACTIONS]
+    if any(each.empty for each in cells):
+        return pd.Series(dtype=float)
+    aucs = [each.groupby("source_cell")["auc"] for each in cells]
+    if column == "range":
+        means = pd.concat([each.mean() for each in aucs], axis=1)
+        return means.max(axis=1) - means.min(axis=1)
+    return pd.concat([np.log(each.var()) for each in aucs], axis=1).mean(axis=1)
 
 
 def _no_worse(both: pd.DataFrame, column: str, loss: float) -> float | None:

@@ -19,7 +19,7 @@ from benchmarks.reproduction.claims import CLAIMS, DELTA_ES, DQN, ES, LONG, X5, 
 from benchmarks.reproduction.curves import BASELINES, FRACTIONS, SAFE, Curves, difference, published
 from benchmarks.reproduction.figures import draw
 from benchmarks.reproduction.tables import ROWS
-from benchmarks.reproduction.verdicts import findings, holm
+from benchmarks.reproduction.verdicts import findings, holm, spreads
 from orchestrator.analysis.inference import crossed
 from orchestrator.dataset.dataset import Dataset
 from trainables.cell import Cell, Source
@@ -53,7 +53,11 @@ class _Drawn(Curves):
 
 
 def _verdicts(aucs: dict[str, list[float]], *parts: Comparison) -> list[str]:
-    return [finding.verdict for _, found in findings(_Drawn(aucs), [Claim("x", "", "", parts)]) for finding in found]
+    return [
+        finding.verdict
+        for _, found in findings(_Drawn(aucs), _Drawn({}), [Claim("x", "", "", parts)])
+        for finding in found
+    ]
 
 
 def test_a_verdict_is_that_of_the_corrected_test() -> None:
@@ -64,6 +68,35 @@ def test_a_verdict_is_that_of_the_corrected_test() -> None:
     assert _verdicts(aucs, Comparison(X5, DELTA_ES, DQN, "no worse")) == ["confirmed"]
     assert _verdicts(aucs, Comparison(X5, DELTA_ES, ES, "no worse")) == ["contradicted before correction"]
     assert _verdicts({"dqn": [1.0]}, Comparison(X5, ES, DQN)) == ["not run"]
+
+
+class _Crossed(Curves):
+    """Four seeds on each of three networks: es varies three times as much as delta_es, and with the share of advice."""
+
+    def __init__(self) -> None:
+        pass
+
+    def best(self, target: str, arm: Arm) -> pd.DataFrame:
+        at = float(dict(arm.settings)["advice_fraction"])
+        network, seed = np.repeat(np.arange(3.0), 4), np.tile(np.arange(4), 3)
+        auc = 10 * network + (3 * seed + 20 * at * (1 + network / 10) if arm == Arm("es", arm.settings) else seed)
+        return pd.DataFrame({"auc": auc, "seed": seed, "source_cell": network})
+
+
+def test_sensitivity_and_variance_have_a_number_per_source_network() -> None:
+    curves = _Crossed()
+    assert list(spreads(curves, X5, ES, "range")) == pytest.approx([15, 16.5, 18])
+    assert list(spreads(curves, X5, DELTA_ES, "range")) == [0, 0, 0]
+    assert list(spreads(curves, X5, ES, "log_variance")) == pytest.approx([np.log(9 * 5 / 3)] * 3)
+    parts = [Comparison(X5, ES, DELTA_ES, column=column, shares=True) for column in ("range", "log_variance")]  # type: ignore[arg-type]
+    wide, varied = (
+        each for _, found in findings(_Drawn({}), curves, [Claim("x", "", "", tuple(parts))]) for each in found
+    )
+    assert wide.difference is not None
+    assert varied.difference is not None
+    assert wide.p == pytest.approx(stats.ttest_1samp([15, 16.5, 18], 0).pvalue)
+    assert varied.difference.value == pytest.approx(np.log(9))
+    assert (wide.seeds, wide.verdict) == (3, "confirmed")
 
 
 def test_every_verdict_has_its_place_in_the_summary() -> None:
