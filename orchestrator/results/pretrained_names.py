@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from orchestrator.results import checked_json
+from trainables.storage.paths import read_range
 
 FILE = "given.json"
 
@@ -23,7 +24,7 @@ def read(folder: Path) -> list[str]:
     if not path.exists():
         return []
     try:
-        data = json.loads(path.read_bytes())
+        data = json.loads(read_range(path))
     except (ValueError, RecursionError) as error:
         raise checked_json.damaged(path, str(error)) from None
     names = data if isinstance(data, list) else checked_json.read(path).get("sources")

@@ -32,7 +32,7 @@ from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 from trainables.errors import InputError, shown, unknown
 from trainables.storage.folders import absolute, make_folder
-from trainables.storage.paths import is_file, storage_path
+from trainables.storage.paths import is_file, read_range, storage_path
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -265,5 +265,5 @@ class Results:
     def _stamp(self) -> str:
         """Return a text that changes with the data from which the tables are built."""
         path = self._plan.path()
-        plan = hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else ""
+        plan = hashlib.sha256(read_range(path)).hexdigest() if path.exists() else ""
         return f"{plan};{self.log.stamp()}"

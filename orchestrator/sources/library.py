@@ -16,7 +16,7 @@ from trainables.knowledge import Knowledge
 from trainables.knowledge_check import check_fit
 from trainables.storage.atomic import write_atomic
 from trainables.storage.folders import make_folder
-from trainables.storage.paths import is_local
+from trainables.storage.paths import is_local, read_range
 from trainables.tasks.registry import parse_task
 
 
@@ -150,7 +150,7 @@ class SourceLibrary:
         """Return the source of a cell. Raises InputError where it is missing, damaged or another cell's."""
         path = self.path(cell_id)
         try:
-            entry = _entry(path.read_bytes())
+            entry = _entry(read_range(path))
         except FileNotFoundError:
             raise InputError(f"the source library has no {path.name} (looked in {self._folder})") from None
         except InputError as error:

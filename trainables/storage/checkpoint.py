@@ -16,7 +16,7 @@ import numpy as np
 
 from trainables.errors import InfrastructureError
 from trainables.storage.atomic import write_atomic
-from trainables.storage.paths import is_local
+from trainables.storage.paths import is_local, read_range
 
 log = logging.getLogger("deltatune.training")
 
@@ -62,7 +62,7 @@ def load(path: Path) -> dict[str, Any]:
 
     Raises CheckpointError for an invalid file, FileNotFoundError for none.
     """
-    data = path.read_bytes()
+    data = read_range(path)
     magic = next((magic for magic in (MAGIC, COMPRESSED) if data.startswith(magic)), None)
     if magic is None:
         raise CheckpointError(f"{path} is not a checkpoint of this version")
