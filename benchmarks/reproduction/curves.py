@@ -24,7 +24,7 @@ EARLY = {"first_tenth": 0.1, "early": 0.3}
 BASELINES, FRACTIONS, SAFE = "baselines-cartpole", "figure4-cartpole", "safe-tasks"
 """Names of sweeps for parts of the page of their own."""
 
-STUDIES = (BASELINES, FRACTIONS, SAFE, "collapse", "source-networks")
+STUDIES = (BASELINES, FRACTIONS, SAFE, "collapse", "delta-factor", "source-networks")
 """Beginnings of the names of sweeps that are no experiment of the paper."""
 
 POINTS = ("cell_id", "episode", "greedy_return")

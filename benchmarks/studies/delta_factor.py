@@ -1,76 +1,80 @@
 """How much of the advice delta's factor leaves, in its unit and without one, on all four deep tasks.
 
-`python -m benchmarks.studies.delta_factor` trains a source on each task for some episodes, and `relative_es` with it on
-the same task and on its targets. An ideal factor is 1 on the source's own task, and falls with the physics. Beside that
-of `relative_es` stands the paper's exp(-max |delta|), at the same states: those where the advice acted.
+`deltatune sweep benchmarks/studies/delta_factor_500.yaml`, the same with delta_factor_100.yaml, then
+`python -m benchmarks.studies.delta_factor [--storage results]`, prints Markdown: the mean factor of `relative_es` where
+the advice acted, and the paper's exp(-max |delta|) at the same states, on the source's own task, where an ideal factor
+is 1, and on its targets, in the first and in the last fifth of the episodes; and how far they fall from the own task,
+paired by seed.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable
+from pathlib import Path
 
-from trainables.cell import Cell, Source
-from trainables.curve import EvalPoint
-from trainables.numerics.threads import one_thread
-from trainables.training.train import train
+import pandas as pd
 
-SOURCES: dict[str, tuple[int, str, tuple[str, ...]]] = {
-    "cartpole": (250, "cartpole", ("cartpole:gravity=5x", "cartpole:gravity=7x", "cartpole:pole_length=4x")),
-    "acrobot": (60, "acrobot", ("acrobot:link_mass=1.5", "acrobot:link_mass=2")),
-    "lunar_lander": (100, "lunar_lander", ("lunar_lander:mass=0.75", "lunar_lander:mass=1.5")),
-    "reacher": (
-        200,
-        "reacher:control_cost=0",
-        ("reacher:gravity=1,control_cost=0", "reacher:gravity=5,control_cost=0"),
-    ),
+from orchestrator import markdown
+from orchestrator.analysis.statistics import Estimate, difference, mean
+from orchestrator.results.sweep_folder import Results
+from trainables.tasks.registry import parse_task
+
+SWEEPS = ("delta-factor-500", "delta-factor-100")
+STATISTICS = {
+    "advised_factor": "factor without a unit",
+    "advised_paper_factor": "the paper's factor",
+    "advised_delta": "max \\|delta\\|",
 }
-"""Family to the episodes of its source at `--scale 1`, the source task, and the targets."""
-FLOORS = ["quantile", "state"]
-QUICK: dict[str, Any] = {
-    "learning_rate": 1e-3,
-    "epsilon_decay": 20.0,
-    "evaluation_episodes": 1,
-    "target_update": 200,
-}
+PART = 0.2
 
 
-def runs(family: str, scale: float, seed: int, floors: list[str]) -> Iterator[tuple[str, str, EvalPoint]]:
-    """Yield (target, floor, the last point with advice) of relative_es on the source's own task and on the targets."""
-    episodes, own, targets = SOURCES[family]
-    settings = QUICK | {"episodes": max(20, round(scale * episodes))}
-    settings["evaluate_every"] = settings["episodes"]
-    cell = Cell.create("dqn", own, seed, settings)
-    training = train(cell)
-    list(training)
-    knowledge = training.knowledge()
-    source = Source(task=own, kind="learned", cell_id=cell.id, checkpoint="last")
-    for floor in floors:
-        for target in (own, *targets):
-            given = settings | {"episodes": max(20, settings["episodes"] // 4), "floor": floor, "advice_fraction": 1.0}
-            given["evaluate_every"] = given["episodes"]
-            yield target, floor, list(train(Cell.create("relative_es", target, seed, given, source), knowledge))[-1]
+def factors(results: Results) -> pd.DataFrame:
+    """Return a row per task and seed: STATISTICS in the first and in the last PART of the episodes."""
+    cells, points = results.write_tables()
+    cells = cells[(cells["stage"] == "transfer") & (cells["status"] == "done")]
+    rows = cells[["cell_id", "task", "seed"]].merge(points, on="cell_id")
+    share = rows["episode"] / rows.groupby("cell_id")["episode"].transform("max")
+    parts = {"first": rows[(share > 0) & (share <= PART)], "last": rows[share > 1 - PART]}
+    means = {name: part.groupby(["task", "seed"])[list(STATISTICS)].mean() for name, part in parts.items()}
+    return pd.concat(means, axis=1).reset_index()
+
+
+def report(found: pd.DataFrame) -> list[str]:
+    """Return the table, a row per task and statistic."""
+    head = [
+        "task",
+        "where the advice acted",
+        "seeds",
+        "first fifth",
+        "last fifth [95 %]",
+        "less that on the own task [95 %]",
+    ]
+    return markdown.table(head, _rows(found))
+
+
+def _rows(found: pd.DataFrame) -> Iterable[tuple[object, ...]]:
+    for task, mine in found.groupby("task", sort=False):
+        own = parse_task(str(task)).family.name
+        mine, base = (rows.set_index("seed") for rows in (mine, found[found["task"] == own]))
+        for column, label in STATISTICS.items():
+            last = list(mine["last", column])
+            gap = "-" if task == own else _text(difference(last, list(base["last", column].loc[mine.index])), "+")
+            yield task, label, len(mine), f"{mine['first', column].mean():.2f}", _text(mean(last)), gap
+
+
+def _text(estimate: Estimate, sign: str = "") -> str:
+    assert estimate.low is not None
+    return f"{estimate.value:{sign}.2f} [{estimate.low:{sign}.2f}, {estimate.high:{sign}.2f}]"
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table, of those sweeps that are there."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tasks", nargs="+", choices=list(SOURCES), default=list(SOURCES), help="families (all)")
-    parser.add_argument("--seeds", type=int, default=1, help="seeds (%(default)s)")
-    parser.add_argument("--scale", type=float, default=1.0, help="share of the episodes (%(default)s)")
-    parser.add_argument("--floors", nargs="+", choices=FLOORS, default=FLOORS, help="floors of relative_es (all)")
-    given = parser.parse_args()
-    one_thread()
-    print("| task | floor | seed | paper's factor | own factor | max abs delta | floor | unit | median sample |")
-    print("|---|---|---|---|---|---|---|---|---|")
-    for family in given.tasks:
-        for seed in range(given.seeds):
-            for target, floor, point in runs(family, given.scale, seed, given.floors):
-                found = point.statistics
-                names = "advised_paper_factor", "advised_factor", "advised_delta", "delta_floor", "advice_range"
-                numbers = [f"{found[name]:.3f}" for name in (*names, "delta_sample_median")]
-                print(f"| {target} | {floor} | {seed} | {' | '.join(numbers)} |", flush=True)
+    parser.add_argument("--storage", type=Path, default=Path("results"), help="the sweeps' storage (%(default)s)")
+    storage = parser.parse_args().storage
+    there = [name for name in SWEEPS if (storage / name).exists()]
+    print("\n".join(report(pd.concat([factors(Results.open(storage, name)) for name in there], ignore_index=True))))
 
 
 if __name__ == "__main__":
