@@ -2,9 +2,9 @@
 
 `deltatune sweep benchmarks/studies/delta_factor_500.yaml`, the same with delta_factor_100.yaml, then
 `python -m benchmarks.studies.delta_factor [--storage results]`, prints Markdown: the mean factor of `relative_es` where
-the advice acted, and the paper's exp(-max |delta|) at the same states, on the source's own task, where an ideal factor
-is 1, and on its targets, in the first and in the last fifth of the episodes; and how far they fall from the own task,
-paired by seed.
+the advice acted, the paper's exp(-max |delta|) at the same states, and max |delta|, on the source's own task, where an
+ideal factor is 1, and on its targets: in the first and the last fifth of the episodes, and how far the latter is from
+that on the own task, paired by seed.
 """
 
 from __future__ import annotations
@@ -41,26 +41,21 @@ def factors(results: Results) -> pd.DataFrame:
 
 
 def report(found: pd.DataFrame) -> list[str]:
-    """Return the table, a row per task and statistic."""
-    head = [
-        "task",
-        "where the advice acted",
-        "seeds",
-        "first fifth",
-        "last fifth [95 %]",
-        "less that on the own task [95 %]",
-    ]
-    return markdown.table(head, _rows(found))
+    """Return the table, a row per task."""
+    columns = [text for label in STATISTICS.values() for text in (f"{label} [95 %]", "less that on the own task")]
+    return markdown.table(["task", "seeds", *columns], _rows(found))
 
 
 def _rows(found: pd.DataFrame) -> Iterable[tuple[object, ...]]:
     for task, mine in found.groupby("task", sort=False):
         own = parse_task(str(task)).family.name
         mine, base = (rows.set_index("seed") for rows in (mine, found[found["task"] == own]))
-        for column, label in STATISTICS.items():
-            last = list(mine["last", column])
+        row: list[object] = [task, len(mine)]
+        for column in STATISTICS:
+            first, last = mine["first", column].mean(), list(mine["last", column])
             gap = "-" if task == own else _text(difference(last, list(base["last", column].loc[mine.index])), "+")
-            yield task, label, len(mine), f"{mine['first', column].mean():.2f}", _text(mean(last)), gap
+            row += [f"{first:.2f}, {_text(mean(last))}", gap]
+        yield tuple(row)
 
 
 def _text(estimate: Estimate, sign: str = "") -> str:
