@@ -1,10 +1,10 @@
 """How much of the advice delta's factor leaves, in its unit and without one, on all four deep tasks.
 
-`deltatune sweep benchmarks/studies/delta_factor_500.yaml`, the same with delta_factor_100.yaml, then
-`python -m benchmarks.studies.delta_factor [--storage results]`, prints Markdown: the mean factor of `relative_es` where
-the advice acted, the paper's exp(-max |delta|) at the same states, and max |delta|, on the source's own task, where an
-ideal factor is 1, and on its targets: in the first and the last fifth of the episodes, and how far the latter is from
-that on the own task, paired by seed.
+`python -m benchmarks.studies.delta_factor` prints Markdown from the published dataset, with `--storage results` from
+sweeps of delta_factor_500.yaml and delta_factor_100.yaml: the mean factor of `relative_es` where the advice acted, the
+paper's exp(-max |delta|) at the same states, and max |delta|, on the source's own task, where an ideal factor is 1, and
+on its targets: in the first and the last fifth of the episodes, and how far the latter is from that on the own task,
+paired by seed.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import pandas as pd
 
 from orchestrator import markdown
 from orchestrator.analysis.statistics import Estimate, difference, mean
+from orchestrator.dataset.dataset import Dataset
 from orchestrator.results.sweep_folder import Results
 from trainables.tasks.registry import parse_task
 
@@ -29,10 +30,9 @@ STATISTICS = {
 PART = 0.2
 
 
-def factors(results: Results) -> pd.DataFrame:
+def factors(cells: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
     """Return a row per task and seed: STATISTICS in the first and in the last PART of the episodes."""
-    cells, points = results.write_tables()
-    cells = cells[(cells["stage"] == "transfer") & (cells["status"] == "done")]
+    cells = cells[cells["agent"] == "relative_es"]
     rows = cells[["cell_id", "task", "seed"]].merge(points, on="cell_id")
     share = rows["episode"] / rows.groupby("cell_id")["episode"].transform("max")
     parts = {"first": rows[(share > 0) & (share <= PART)], "last": rows[share > 1 - PART]}
@@ -47,7 +47,7 @@ def report(found: pd.DataFrame) -> list[str]:
 
 
 def _rows(found: pd.DataFrame) -> Iterable[tuple[object, ...]]:
-    for task, mine in found.groupby("task", sort=False):
+    for task, mine in found.groupby("task"):
         own = parse_task(str(task)).family.name
         mine, base = (rows.set_index("seed") for rows in (mine, found[found["task"] == own]))
         row: list[object] = [task, len(mine)]
@@ -63,13 +63,23 @@ def _text(estimate: Estimate, sign: str = "") -> str:
     return f"{estimate.value:{sign}.2f} [{estimate.low:{sign}.2f}, {estimate.high:{sign}.2f}]"
 
 
+def published(dataset: Dataset) -> pd.DataFrame:
+    """Return the factors of the published cells."""
+    cells = dataset.cells[dataset.cells["sweep"].isin(SWEEPS)]
+    return factors(cells, dataset.points(list(cells["cell_id"])))
+
+
 def main() -> None:
-    """Print the table, of those sweeps that are there."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--storage", type=Path, default=Path("results"), help="the sweeps' storage (%(default)s)")
+    parser.add_argument("--storage", type=Path, help="the storage of sweeps of your own (default: what is published)")
     storage = parser.parse_args().storage
-    there = [name for name in SWEEPS if (storage / name).exists()]
-    print("\n".join(report(pd.concat([factors(Results.open(storage, name)) for name in there], ignore_index=True))))
+    if storage is None:
+        found = published(Dataset(Path("docs/dataset")))
+    else:
+        parts = [factors(*Results.open(storage, name).write_tables()) for name in SWEEPS]
+        found = pd.concat(parts, ignore_index=True)
+    print("\n".join(report(found)))
 
 
 if __name__ == "__main__":
