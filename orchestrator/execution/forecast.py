@@ -14,6 +14,7 @@ from orchestrator.execution.cells.ledger import Ledger
 from orchestrator.execution.cells.longer import Longer
 from orchestrator.execution.cells.sequential import needed, needed_at_most, test
 from orchestrator.execution.settings import Settings
+from orchestrator.execution.sources.needed_networks import spare
 from orchestrator.execution.sources.source_choice import choose
 from orchestrator.execution.sources.source_ranking import ranked
 from orchestrator.planning.arms import CONFIRM, Arm, distinct
@@ -118,6 +119,7 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     arms = source_arms(space, settings.params)
     keep = any("learned" in scenario.source.kinds for scenario in space.scenarios)
     trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.pretrained)
+    spare(space, settings, ledger)
     first = _stage(SOURCE, trained, space, ledger, costs, keep)
     choices = settle(arms, settings.pretrained, lambda arm: _choice(ledger, arm, keep))
     choices = ranked(space, choices, results, writes=False)

@@ -166,6 +166,12 @@ class Stages:
         if taken:
             self._console.print(f"{stage}: {origins(taken)}", soft_wrap=True)
 
+    def spared(self, sources: int) -> None:
+        """Say how many recorded sources do not train again, though the library has not what they learned."""
+        if sources:
+            what = f"source: no missing cell needs what {sources} recorded sources learned, which is not in the library"
+            self._console.print(f"{what}: --reuse none trains them again", soft_wrap=True)
+
     def _open(self) -> tuple[Executor, Workplace]:
         """Return the executor and its workplace, opened once."""
         if self._opened is None:

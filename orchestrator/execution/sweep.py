@@ -15,6 +15,7 @@ from orchestrator.errors import InterruptedSweepError, LeaseLostError, SweepErro
 from orchestrator.execution.cells.ledger import Ledger
 from orchestrator.execution.cells.sequential import needed, needed_at_most, test
 from orchestrator.execution.settings import OnRecord, RunSummary, Settings
+from orchestrator.execution.sources.needed_networks import spare
 from orchestrator.execution.sources.source_choice import choose
 from orchestrator.execution.sources.source_ranking import ranked
 from orchestrator.execution.stage import Stages, Work
@@ -125,6 +126,7 @@ class _Sweep:
         arms, pretrained = source_arms(self._space, self._settings.params), self._settings.pretrained
         keep = any("learned" in scenario.source.kinds for scenario in self._space.scenarios)
         every = (arm for scenario in arms for arm in scenario.values())
+        self._stages.spared(spare(self._space, self._settings, self._ledger))
         yield self._work(SOURCE, distinct(arm for arm in every if arm.task not in pretrained), keep)
         chosen = settle(arms, pretrained, lambda arm: choose(self._ledger, arm, self._ledger.planned(SOURCE)))
         choices = ranked(self._space, chosen, self._results)

@@ -62,6 +62,7 @@ class Ledger:
         self._new: set[str] = set()
         self._whole: set[str] = set()
         """Cells whose knowledge in the library was verified."""
+        self._spared: frozenset[str] = frozenset()
 
     def _planned_before(self) -> tuple[Plan, dict[str, Labels]]:
         """Return the plan and labels of the previous run; empty where they are damaged."""
@@ -126,7 +127,12 @@ class Ledger:
             return cell.id in self._new or not self._retry_failed
         if head.status == "stopped":
             return self._stops  # without a scheduler the cell has to be trained to its end
-        return not keep or self._has_source(cell)
+        return not keep or cell.id in self._spared or self._has_source(cell)
+
+    def spare(self, cell_ids: Iterable[str]) -> int:
+        """Take those of these sources that the library has not for ended by their records; return how many."""
+        self._spared = frozenset(cell_id for cell_id in cell_ids if not self.library.has(cell_id))
+        return len(self._spared)
 
     def _has_source(self, cell: Cell) -> bool:
         """Return whether the library has a cell's knowledge undamaged; an intact one is verified only once."""

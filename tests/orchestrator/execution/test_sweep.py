@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import io
 import json
 import shutil
 import subprocess
@@ -82,12 +83,37 @@ def test_a_shrunk_space_leaves_the_other_cells_alone_and_out_of_the_tables(stora
     assert len(results.heads()) == CELLS
 
 
-def test_a_source_that_is_lost_from_the_library_is_trained_again(storage: Path) -> None:
+def test_a_source_that_is_lost_from_the_library_is_trained_again_where_a_missing_cell_needs_it(
+    storage: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(storage, tmp_path / "whole")
     for path in (storage / "sources").glob("*.npz"):
         path.unlink()
-    _, tally = sweep(storage)
-    assert tally.ran == 4
-    assert len(list((storage / "sources").glob("*.npz"))) == 4
+    said = Console(record=True, file=io.StringIO())
+    results = Results.open(storage, "small")
+    assert run(results, LOCAL, said).ran == 0
+    assert "no missing cell needs what 4 recorded sources learned" in said.export_text()
+    more = {**SPACE["agents"], "q_warm_start": {}}  # type: ignore[dict-item]
+    results, tally = sweep(storage, agents=more)
+    assert tally.ran == 2 + 8, "one learning rate is chosen, whose two seeds advise"
+    assert len(list((storage / "sources").glob("*.npz"))) == 2
+    whole, _ = sweep(tmp_path / "whole", agents=more)
+    assert all(timeless(a).equals(timeless(b)) for a, b in zip(results.tables(), whole.tables(), strict=True))
+    _, tally = sweep(storage, replace(LOCAL, reuse="none"), agents=more)
+    assert (tally.ran, len(list((storage / "sources").glob("*.npz")))) == (2, 4)
+
+
+def test_networks_that_are_ranked_are_all_trained_again(tmp_path: Path) -> None:
+    scenario = {
+        "source": {"task": "cartpole", "agent": "dqn", "seeds": 2, "pick": "ranked"},
+        "targets": ["cartpole:gravity=5x"],
+    }
+    tiny = {"episodes": [4], "evaluate_every": [2], "evaluation_episodes": [1], "hidden_size": [8], "batch_size": [8]}
+    changes = {"scenarios": [scenario], "agents": {"es": {}}, "hyperparameters": tiny, "seeds": 1}
+    sweep(tmp_path, **changes)
+    for path in (tmp_path / "sources").glob("*.npz"):
+        path.unlink()
+    assert sweep(tmp_path, **changes)[1].ran == 2
 
 
 def test_a_sweep_gives_the_bits_of_a_plain_run(storage: Path) -> None:
