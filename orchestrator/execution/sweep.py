@@ -79,6 +79,21 @@ def run_held(
     return tally
 
 
+def plan_recorded(results: Results) -> None:
+    """Plan a sweep as far as its records reach, and run nothing: what reports on them needs, and a sweep would do.
+
+    Raises InputError where a driver runs the sweep.
+    """
+    with locked(results.folder) as hold, ExitStack() as stack:
+        results.guard(hold)
+        settings, quiet = Settings(local=True), Console(quiet=True)
+        ledger, tally = Ledger(results, retry_failed=False), RunSummary()
+        stages = Stages(results, settings, ledger, tally, quiet, lambda stage, record: None, stack)
+        for work in _Sweep(results, settings, ledger, tally, stages).works():
+            if work.missing:
+                return
+
+
 class _Sweep:
     """The stages of one run."""
 
@@ -91,7 +106,7 @@ class _Sweep:
         """Run all stages, and return how many cells an interruption has left."""
         check_confirmation(self._space, self._settings.pretrained)
         try:
-            self._stages.run(self._works())
+            self._stages.run(self.works())
         except InterruptedSweepError:
             return self._left()
         return 0
@@ -118,7 +133,7 @@ class _Sweep:
         searched = sum(self._space.search.budget * arm.width for arm in arms if arm.ranges)
         return searched + sum(not self._ledger.ended(cell) for cell in cells)
 
-    def _works(self) -> Iterator[Work]:
+    def works(self) -> Iterator[Work]:
         """Yield what each stage lacks: sources, then transfers, planned once the sources are trained.
 
         The transfers of a failed source fail with it; the others run.

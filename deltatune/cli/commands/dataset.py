@@ -109,11 +109,16 @@ def restore(
 
     Then `report`, `compare` and `export` work on them, and the command of a sweep runs its missing cells.
     """
+    from orchestrator.execution.sweep import plan_recorded
+    from orchestrator.results.sweep_folder import Results
+
     dataset = _opened(folder)
     names = sweeps or dataset.sweeps()
     for name in names:
         dataset.space(name)
     written = {name: dataset.restore(name, storage) for name in names}
+    for name in names:
+        plan_recorded(Results.open(storage, name))
     if as_json:
         print_json(written)
         return
