@@ -31,7 +31,7 @@ class Comparison:
     """above: the first is better than the second; no worse: it is at most MARGIN of the second's AUC below it."""
     column: Literal["auc", "first_tenth", "range", "log_variance"] = "auc"
     """The statistic: AUC, or the AUC of the first tenth of the training (a jumpstart). Of Figure 4, per source network:
-    the range of the mean AUCs over FRACTIONS, or the logarithm of the AUC's variance over seeds, averaged over them."""
+    the range of the mean AUCs over SHARES, or the logarithm of the AUC's variance over seeds, averaged over them."""
     shares: bool = False
     """Whether it is about the cells of Figure 4, with several shares of the training with advice."""
 
@@ -47,7 +47,7 @@ class Claim:
     parts: tuple[Comparison, ...]
 
 
-FRACTIONS = (0.25, 0.5, 1.0)
+SHARES = (0.25, 0.5, 1.0)
 """Figure 4's shares of the training with advice."""
 
 MARGIN = 0.05
@@ -66,7 +66,7 @@ LONG, LONGER = "acrobot:link_mass=1.5", "acrobot:link_mass=2"
 HEAVY, LIGHT = "lunar_lander:mass=1.1", "lunar_lander:mass=0.75"
 PUSHED = ("reacher:y_force=0.75", "reacher:y_force=1")
 
-SHORT, LONG_ADVICE = (Arm("delta_es", (("advice_fraction", at),)) for at in (FRACTIONS[0], FRACTIONS[-1]))
+SHORT, LONG_ADVICE = (Arm("delta_es", (("advice_fraction", at),)) for at in (SHARES[0], SHARES[-1]))
 
 CLAIMS = (
     Claim(

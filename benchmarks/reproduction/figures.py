@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from benchmarks.reproduction import safe
-from benchmarks.reproduction.claims import DEMANDS, DQN, FRACTIONS, GATE, PPR, REVERSED, SMALL, SUPPLY_GATE, X5, Arm, Q
+from benchmarks.reproduction.claims import DEMANDS, DQN, GATE, PPR, REVERSED, SHARES, SMALL, SUPPLY_GATE, X5, Arm, Q
 from benchmarks.reproduction.curves import Curves, Published, seeds, transfer_ratio
 from benchmarks.reproduction.tables import OTHERS, ROWS, exact
 from dashboards import style
@@ -70,7 +70,7 @@ def advice_fractions(curves: Curves) -> Chart:
     """Figure 4: the AUC against the share of training with advice, beside dqn's; empty until two shares are there."""
     series = []
     for agent, aside in zip(AGENTS[1:], (-APART, APART), strict=True):
-        found = [curves.mean(X5, Arm(agent, (("advice_fraction", at),))) for at in FRACTIONS]
+        found = [curves.mean(X5, Arm(agent, (("advice_fraction", at),))) for at in SHARES]
         known = [(place + aside, mean) for place, mean in enumerate(found) if mean is not None]
         if len(known) > 1:
             x, means = zip(*known, strict=True)
@@ -78,7 +78,7 @@ def advice_fractions(curves: Curves) -> Chart:
             series.append(Series(agent, agent, x, tuple(mean.value for mean in means), band, form="linked"))
     base = curves.mean(X5, DQN)
     levels = (Level(base.value, "dqn", "dqn"),) if base else ()
-    ticks = tuple(f"{at:.0%}" for at in FRACTIONS)
+    ticks = tuple(f"{at:.0%}" for at in SHARES)
     panel = Panel(X5, "share of the training with advice", "AUC", tuple(series), X5, levels, ticks)
     caption = "AUC against the share of training with advice, with 95 % intervals over source networks and seeds."
     return Chart("figure4", "Figure 4", caption, caption, (panel,) if series else (), columns=1)

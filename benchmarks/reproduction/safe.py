@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.reproduction.claims import DQN, WARM_START, Arm
 from benchmarks.reproduction.curves import Curves, difference, seeds
-from benchmarks.reproduction.tables import ROWS, interval, markdown, p_text
+from benchmarks.reproduction.tables import ROWS, interval, markdown, p_text, plain
 from dashboards.figure_model import Chart, Level, Panel, Series
 from orchestrator.analysis.inference import across_tasks, crossed
 from orchestrator.analysis.inference.across_tasks import Scores
@@ -65,8 +65,8 @@ def table(found: Standings, curves: Curves) -> str:
         runs, gap, chance = sum(each.size for each in scores), "-", "-"
         if agent != SAFE.agent:
             gap = interval(gain(found, curves, arms[agent]), 2)
-            chance = _plain(across_tasks.improvement(found.scores[SAFE.agent], scores))
-        rows.append((agent, runs, _plain(across_tasks.iqm(scores)), gap, chance, _worst(found, curves, arms[agent])))
+            chance = plain(across_tasks.improvement(found.scores[SAFE.agent], scores))
+        rows.append((agent, runs, plain(across_tasks.iqm(scores)), gap, chance, _worst(found, curves, arms[agent])))
     head = (
         "agent",
         "runs",
@@ -95,11 +95,6 @@ def _gaps(curves: Curves, target: str, arm: Arm) -> crossed.Table:
     both = curves.paired(target, SAFE, arm)
     gaps = both.assign(gap=both["auc"] - both["auc_base"])
     return crossed.rectangle(gaps.reindex(columns=[*crossed.BY, "gap"]), "gap") / float(np.ptp(_references(target)))
-
-
-def _plain(estimate: Estimate) -> str:
-    ends = "" if estimate.low is None else f" [{estimate.low:.2f}, {estimate.high:.2f}]"
-    return f"{estimate.value:.2f}{ends}"
 
 
 def _worst(found: Standings, curves: Curves, arm: Arm) -> str:

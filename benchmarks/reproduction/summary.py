@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
+from typing import TypeVar
+
+import numpy as np
 
 from benchmarks.reproduction import safe
 from benchmarks.reproduction.claims import DELTA_ES, DQN, ES, WARM_START, X5, X7, Arm, Claim
@@ -12,6 +15,8 @@ from benchmarks.reproduction.tables import ROWS, interval
 from benchmarks.reproduction.verdicts import ALPHA, Finding
 from orchestrator.analysis.inference.multiplicity import holm
 from orchestrator.analysis.statistics import Estimate
+
+Key = TypeVar("Key", bound=Hashable)
 
 LEARNERS = (ES, DELTA_ES, WARM_START)
 
@@ -42,33 +47,28 @@ def _claims(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
 
 def _learners(curves: Curves) -> str:
     """Return on how many deep targets each agent is certain to be better or worse than dqn."""
-    gaps = {(target, arm): difference(curves.paired(target, arm, DQN)) for target in ROWS for arm in LEARNERS}
-    known = {place: gap for place, gap in gaps.items() if gap is not None and gap.p is not None}
-    if not known:
+    signs = _signs({(target, arm): difference(curves.paired(target, arm, DQN)) for target in ROWS for arm in LEARNERS})
+    if not signs:
         return ""
-    sure, told = _sure(known.values()), []
+    told = []
     for arm in LEARNERS:
-        signs = [gap.value > 0 for (_, each), gap in known.items() if each == arm and id(gap) in sure]
-        told.append(f"`{arm.agent}` is better on {_count(signs.count(True))} and worse on {_count(signs.count(False))}")
-    targets = len({target for target, _ in known})
+        mine = [sign for (_, each), sign in signs.items() if each == arm]
+        told.append(f"`{arm.agent}` is better on {_count(mine, 1)} and worse on {_count(mine, -1)}")
+    targets = len({target for target, _ in signs})
     return (
-        f"Against `dqn` on {targets} deep targets, after Holm's correction for these {len(known)} comparisons: "
+        f"Against `dqn` on {targets} deep targets, after Holm's correction for these {len(signs)} comparisons: "
         f"{', '.join(told)}."
     )
 
 
 def _delta(curves: Curves) -> str:
     """Return whether the paper's factor improves on advice without it."""
-    gaps = {target: difference(curves.paired(target, DELTA_ES, ES)) for target in ROWS}
-    known = {target: gap for target, gap in gaps.items() if gap is not None and gap.p is not None}
-    if not known:
+    signs = list(_signs({target: difference(curves.paired(target, DELTA_ES, ES)) for target in ROWS}).values())
+    if not signs:
         return ""
-    sure = _sure(known.values())
-    signs = [gap.value > 0 for gap in known.values() if id(gap) in sure]
-    better, worse = _count(signs.count(True)), _count(signs.count(False))
     return (
-        f"`delta_es` is better than `es`, the same advice without delta, on {better} of {len(known)} deep targets, and "
-        f"worse on {worse}, after Holm's correction for {len(known)}."
+        f"`delta_es` is better than `es`, the same advice without delta, on {_count(signs, 1)} of {len(signs)} deep "
+        f"targets, and worse on {_count(signs, -1)}, after Holm's correction for {len(signs)}."
     )
 
 
@@ -84,22 +84,24 @@ def _safe(curves: Curves, standings: Standings | None) -> str:
     """Return how the safe agent stands to dqn and delta_es."""
     if standings is None:
         return ""
-    gaps = {task: difference(curves.paired(task, SAFE, DQN)) for task in standings.tasks}
-    known = [gap for gap in gaps.values() if gap is not None and gap.p is not None]
-    worse = sum(gap.value < 0 for gap in known if id(gap) in _sure(known))
+    signs = list(_signs({task: difference(curves.paired(task, SAFE, DQN)) for task in standings.tasks}).values())
     rivals = [arm for arm in (DQN, DELTA_ES, WARM_START) if arm.agent in standings.scores]
     told = [f"{interval(safe.gain(standings, curves, arm), 2)} for `{arm.agent}`" for arm in rivals]
     return (
-        f"`safe_start` is worse than `dqn` on {_count(worse)} of {len(known)} targets, after Holm's correction for "
-        f"{len(known)}. Its normalised AUC less that of others, as a mean over these targets: {', '.join(told)}."
+        f"`safe_start` is worse than `dqn` on {_count(signs, -1)} of {len(signs)} targets, after Holm's correction for "
+        f"{len(signs)}. Its normalised AUC less that of others, as a mean over these targets: {', '.join(told)}."
     )
 
 
-def _count(number: int) -> str:
-    return str(number) if number else "none"
+def _count(signs: Sequence[int], sign: int) -> str:
+    return str(signs.count(sign)) if sign in signs else "none"
 
 
-def _sure(gaps: Iterable[Estimate]) -> set[int]:
-    """Return the identities of the differences that are certain after Holm's correction for all of them."""
-    every = list(gaps)
-    return {id(gap) for gap, p in zip(every, holm([gap.p or 0.0 for gap in every]), strict=True) if p < ALPHA}
+def _signs(gaps: Mapping[Key, Estimate | None]) -> dict[Key, int]:
+    """Return 1 or -1 for each difference that is certain after Holm's correction for all of them, else 0."""
+    known = {key: (gap.value, gap.p) for key, gap in gaps.items() if gap is not None and gap.p is not None}
+    corrected = holm([p for _, p in known.values()])
+    return {
+        key: int(np.sign(value)) if p < ALPHA else 0
+        for (key, (value, _)), p in zip(known.items(), corrected, strict=True)
+    }

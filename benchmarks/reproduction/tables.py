@@ -50,6 +50,12 @@ def interval(estimate: Estimate | None, digits: int = 1) -> str:
     return f"{estimate.value:+.{digits}f}{ends}"
 
 
+def plain(estimate: Estimate) -> str:
+    """Return '0.88 [0.83, 0.92]'."""
+    ends = "" if estimate.low is None else f" [{estimate.low:.2f}, {estimate.high:.2f}]"
+    return f"{estimate.value:.2f}{ends}"
+
+
 def table_1(curves: Curves) -> str:
     """Return Table 1: AUC of each agent, its transfer ratio and its difference from dqn, next to the paper's."""
     rows = [row for target in ROWS for row in _rows(curves, target)]

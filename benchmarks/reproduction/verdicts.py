@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from benchmarks.reproduction.claims import CLAIMS, FRACTIONS, MARGIN, Arm, Claim, Comparison
+from benchmarks.reproduction.claims import CLAIMS, MARGIN, SHARES, Arm, Claim, Comparison
 from benchmarks.reproduction.curves import Curves, difference, seeds
 from orchestrator.analysis import statistics
 from orchestrator.analysis.inference.multiplicity import holm
@@ -79,8 +79,8 @@ def _paired(curves: Curves, part: Comparison) -> pd.DataFrame:
 
 
 def spreads(curves: Curves, target: str, arm: Arm, column: str) -> pd.Series[float]:
-    """Return the range of an arm's means over FRACTIONS, or the logarithm of its variance, by source network."""
-    cells = [curves.best(target, replace(arm, settings=(("advice_fraction", at),))) for at in FRACTIONS]
+    """Return the range of an arm's means over SHARES, or the logarithm of its variance, by source network."""
+    cells = [curves.best(target, replace(arm, settings=(("advice_fraction", at),))) for at in SHARES]
     if any(each.empty for each in cells):
         return pd.Series(dtype=float)
     aucs = [each.groupby("source_cell")["auc"] for each in cells]

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from benchmarks.reproduction.tables import interval, plain
 from orchestrator import markdown
-from orchestrator.analysis.statistics import Estimate, difference, mean
+from orchestrator.analysis.statistics import difference, mean
 from orchestrator.dataset.dataset import Dataset
 from orchestrator.results.sweep_folder import Results
 from trainables.tasks.registry import parse_task
@@ -53,14 +54,9 @@ def _rows(found: pd.DataFrame) -> Iterable[tuple[object, ...]]:
         row: list[object] = [task, len(mine)]
         for column in STATISTICS:
             first, last = mine["first", column].mean(), list(mine["last", column])
-            gap = "-" if task == own else _text(difference(last, list(base["last", column].loc[mine.index])), "+")
-            row += [f"{first:.2f}, {_text(mean(last))}", gap]
+            gap = "-" if task == own else interval(difference(last, list(base["last", column].loc[mine.index])), 2)
+            row += [f"{first:.2f}, {plain(mean(last))}", gap]
         yield tuple(row)
-
-
-def _text(estimate: Estimate, sign: str = "") -> str:
-    assert estimate.low is not None
-    return f"{estimate.value:{sign}.2f} [{estimate.low:{sign}.2f}, {estimate.high:{sign}.2f}]"
 
 
 def published(dataset: Dataset) -> pd.DataFrame:

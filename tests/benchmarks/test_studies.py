@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks import studies
+from benchmarks.reproduction.claims import SHARES
 from benchmarks.reproduction.curves import BASELINES, FRACTIONS, STUDIES
-from benchmarks.reproduction.figures import FRACTIONS as SHARES
 from benchmarks.reproduction.others import ARMS
 from search_spaces.loading import load
 
