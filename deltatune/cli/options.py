@@ -25,7 +25,11 @@ def _number(group: str, metavar: str, low: float, high: float, text: str) -> Any
 
 
 Space = Annotated[
-    str, typer.Argument(metavar="SPACE", help="A built-in search space (see 'deltatune spaces') or a YAML file.")
+    str | None,
+    typer.Argument(
+        metavar="[SPACE]",
+        help="A built-in search space (see 'deltatune spaces') or a YAML file; default: that of --name's last run.",
+    ),
 ]
 
 # --- what to run

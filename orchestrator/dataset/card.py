@@ -68,7 +68,8 @@ Any Parquet reader opens the tables. `sha256sum -c SHA256SUMS` checks the files.
 
 ```
 deltatune replay {cell} --dataset FOLDER   # train a cell again, its source first, and compare every bit
-deltatune restore FOLDER {sweep}           # write a sweep's records into results/; its own command then goes on
+deltatune restore FOLDER {sweep}           # write a sweep's records into results/
+deltatune sweep --name {sweep}             # then run what it still lacks
 ```"""
 
 

@@ -11,7 +11,6 @@ import pandas as pd
 
 from orchestrator.dataset.rows import record_of
 from orchestrator.results import checked_json
-from orchestrator.results.lock import locked
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from orchestrator.results.tables.parquet import read_table
@@ -83,17 +82,14 @@ class Dataset:
         for _, row in rows.iterrows():
             yield record_of(row, points[row["cell_id"]])
 
-    def restore(self, sweep: str, storage: Path) -> int:
-        """Write the records of `sweep` to `storage`, where its command can then continue; return how many were missing.
+    def restore(self, sweep: str, results: Results) -> int:
+        """Write the records of `sweep` to `results`, and return how many were missing. Only for who holds its lock.
 
-        Raises InputError as `record` and `Results.create` do, and where another driver runs the sweep.
+        Raises InputError as `record` and `Results.begin` do.
         """
-        results = Results.prepare(storage, sweep)
-        with locked(results.folder) as hold:
-            results.guard(hold)
-            results.begin(self.space(sweep))
-            there = results.heads()
-            missing = [record for record in self.records(sweep) if record.cell.id not in there]
-            if missing:
-                results.add(*missing)
+        results.begin(self.space(sweep))
+        there = results.heads()
+        missing = [record for record in self.records(sweep) if record.cell.id not in there]
+        if missing:
+            results.add(*missing)
         return len(missing)

@@ -26,7 +26,7 @@ from orchestrator.planning.confirmation import (
     expected_arms,
     with_unseen,
 )
-from orchestrator.planning.extras import require_extras
+from orchestrator.planning.extras import require_runnable
 from orchestrator.planning.plan import SOURCE, TRANSFER, source_arms, transfer_arms
 from orchestrator.planning.source_choice import PLACEHOLDER_STEPS, Choices, SourceChoice, settle, untrained
 from orchestrator.results.status import sweeps
@@ -113,7 +113,7 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     Each agent and task family without a record in the same storage is measured for about two seconds.
     Raises InputError where a task or an agent needs an extra that is not installed.
     """
-    require_extras(space)
+    require_runnable(space)
     ledger = Ledger(results, settings.retry_failed, space, reads_only=True, reuse=settings.reuse)
     costs = _Costs(results.storage)
     arms = source_arms(space, settings.params)

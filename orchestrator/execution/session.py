@@ -18,7 +18,7 @@ from orchestrator.execution.interrupt import stop_now
 from orchestrator.execution.settings import RunSummary, Settings
 from orchestrator.execution.sweep import foresee, run_held
 from orchestrator.model_registry import pretrained
-from orchestrator.planning.extras import require_extras
+from orchestrator.planning.extras import require_runnable
 from orchestrator.planning.plan import SOURCE
 from orchestrator.results.driver_log import logging_to
 from orchestrator.results.lock import Hold, locked
@@ -62,7 +62,7 @@ class SweepSession:
         error a sentence says where the results are.
         """
         console = console or Console(quiet=True)
-        require_extras(space)
+        require_runnable(space)
         results = Results.prepare(storage, name)
         with _signals(), locked(results.folder, on_lost=stop_now) as hold, logging_to(results.folder):
             results.guard(hold)

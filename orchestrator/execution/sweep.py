@@ -6,6 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -36,6 +38,9 @@ from orchestrator.results.sweep_folder import Results
 from search_spaces.search_space import SearchSpace
 from trainables.cell import Cell
 from trainables.training.source_knowledge import exact_source
+
+if TYPE_CHECKING:
+    from orchestrator.dataset.dataset import Dataset
 
 STAGES = (SOURCE, TRANSFER, *CONFIRMATION)
 
@@ -79,14 +84,23 @@ def run_held(
     return tally
 
 
-def plan_recorded(results: Results) -> None:
-    """Plan a sweep as far as its records reach, and run nothing: what reports on them needs, and a sweep would do.
+def restore(dataset: Dataset, name: str, storage: Path) -> int:
+    """Write a published sweep to `storage`, planned as far as its records reach; return how many of them were missing.
 
-    Raises InputError where a driver runs the sweep.
+    Raises InputError as `Dataset.restore` and `Results.prepare` do, and where a driver runs the sweep.
     """
-    with locked(results.folder) as hold, ExitStack() as stack:
+    results = Results.prepare(storage, name)
+    with locked(results.folder) as hold:
         results.guard(hold)
-        settings, quiet = Settings(local=True), Console(quiet=True)
+        written = dataset.restore(name, results)
+        _plan_recorded(results)
+    return written
+
+
+def _plan_recorded(results: Results) -> None:
+    """Plan a sweep as far as its records reach, and run nothing: what reports on them needs, and a sweep would do."""
+    settings, quiet = Settings(local=True), Console(quiet=True)
+    with ExitStack() as stack:
         ledger, tally = Ledger(results, retry_failed=False), RunSummary()
         stages = Stages(results, settings, ledger, tally, quiet, lambda stage, record: None, stack)
         for work in _Sweep(results, settings, ledger, tally, stages).works():

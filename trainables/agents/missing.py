@@ -11,7 +11,7 @@ from trainables.errors import InputError
 
 if TYPE_CHECKING:
     from trainables.agents.agent import Agent
-from trainables.plugins.notes import _NOTES, _sentence
+from trainables.plugins.notes import _NOTES, needed_code
 
 
 def missing_agent(name: str) -> Agent:
@@ -24,7 +24,7 @@ def missing_agent(name: str) -> Agent:
     made.unwritten = notes.get("unwritten", {})
 
     def refuse(*_: object) -> NoReturn:
-        raise InputError(_sentence("agent", name))
+        raise InputError(needed_code("agent", name))
 
     kind = notes.get("kind", "deep")
     return Agent(name, notes.get("description", ""), made, notes.get("base"), refuse, kind, "missing")

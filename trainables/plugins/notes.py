@@ -23,7 +23,8 @@ def remember(notes: Mapping[str, Mapping[str, Any]]) -> None:
     _NOTES.update(notes)
 
 
-def _sentence(kind: str, name: str) -> str:
+def needed_code(kind: str, name: str) -> str:
+    """Return, as a sentence, what the code of the missing custom task or agent `name` has to come from."""
     code, _, _ = name.partition(":")
     file, _, pin = code.partition("@")
     if code in BROKEN:

@@ -10,14 +10,14 @@ from trainables.tasks.spec.family import ContextFeature, TaskFamily, split_featu
 
 if TYPE_CHECKING:
     pass
-from trainables.plugins.notes import _NOTES, _sentence
+from trainables.plugins.notes import _NOTES, needed_code
 
 
 def missing_family(name: str, features: str) -> TaskFamily:
     """Return a placeholder for a task family of which only the name and the notes are known."""
 
     def refuse(*_: object) -> NoReturn:
-        raise InputError(_sentence("task", name))
+        raise InputError(needed_code("task", name))
 
     notes = _NOTES.get(name, {})
     parts = [part.partition("=")[::2] for part in split_features(features)]

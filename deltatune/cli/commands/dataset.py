@@ -109,21 +109,19 @@ def restore(
 
     Then `report`, `compare` and `export` work on them, and the command of a sweep runs its missing cells.
     """
-    from orchestrator.execution.sweep import plan_recorded
-    from orchestrator.results.sweep_folder import Results
+    from orchestrator.execution import sweep
 
     dataset = _opened(folder)
     names = sweeps or dataset.sweeps()
     for name in names:
         dataset.space(name)
-    written = {name: dataset.restore(name, storage) for name in names}
-    for name in names:
-        plan_recorded(Results.open(storage, name))
+    written = {name: sweep.restore(dataset, name, storage) for name in names}
     if as_json:
         print_json(written)
         return
     for name, count in written.items():
-        out.print(f"{name}: {count} records; {program()} sweep {dataset.space(name).name} --name {name} goes on")
+        there = "" if storage == RESULTS else f" --storage {storage}"
+        out.print(f"{name}: {count} records; {program()} sweep --name {name}{there} continues it", soft_wrap=True)
 
 
 def _opened(folder: Path) -> Dataset:

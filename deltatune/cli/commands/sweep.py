@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from deltatune.cli import options as opt
-from deltatune.cli.app import RESULTS, RUN_PANEL, Json, Storage, TrackingUri, app, err, progress_console
+from deltatune.cli.app import (
+    RESULTS,
+    RUN_PANEL,
+    Files,
+    Json,
+    Storage,
+    TrackingUri,
+    app,
+    err,
+    load_files,
+    progress_console,
+)
 from orchestrator.execution.defaults import CHECKPOINT_SECONDS, KEEP_STATES
 
 if TYPE_CHECKING:
@@ -25,7 +36,7 @@ if TYPE_CHECKING:
 @app.command(rich_help_panel=RUN_PANEL)
 def sweep(
     context: typer.Context,
-    space: opt.Space,
+    space: opt.Space = None,
     name: opt.NewName = None,
     storage: Storage = RESULTS,
     task: opt.Targets = None,
@@ -35,6 +46,7 @@ def sweep(
     settings: opt.Set = None,
     params: opt.Params = None,
     source: opt.Pretrained = None,
+    file: Files = None,
     workers: opt.Workers = None,
     address: opt.Address = None,
     local: opt.Local = False,
@@ -54,17 +66,19 @@ def sweep(
     """Run a search space: train the sources, then every agent on every target, and compare.
 
     The same command again continues an interrupted sweep, and runs the cells that an extended search space adds; no
-    finished cell runs twice, and one that another sweep of the storage has finished is copied (see --reuse). Try
-    `deltatune sweep demo`, or a small `deltatune sweep demo --seeds 2 --set episodes=2000 --name try`.
+    finished cell runs twice, and one that another sweep of the storage has finished is copied (see --reuse). With
+    --name alone, a sweep continues with the search space of its last run. Try `deltatune sweep demo`, or a small
+    `deltatune sweep demo --seeds 2 --set episodes=2000 --name try`.
     """
     from orchestrator.results.sweep_folder import check_name
     from search_spaces.narrow import narrow
 
     if name is not None:
         check_name(name)
+    load_files(file)
     fixed = _settings(settings or [])
     chosen = narrow(
-        wanted_space(space),
+        _wanted(space, storage, name),
         tasks=task or (),
         agents=agent or (),
         seeds=_seeds(seeds),
@@ -192,6 +206,21 @@ def _load_report(artist: DrawingProcess) -> None:
     from deltatune.publish import load
 
     load(artist)
+
+
+def _wanted(space: str | None, storage: Path, name: str | None) -> SearchSpace:
+    """Return the search space that the user names, else that of the last run of the sweep `name` in `storage`.
+
+    Raises InputError as `wanted_space` and `Results.open` do, and where neither is given.
+    """
+    from orchestrator.results.sweep_folder import Results
+    from trainables.errors import InputError
+
+    if space is not None:
+        return wanted_space(space)
+    if name is None:
+        raise InputError("sweep requires a search space, or the --name of a sweep to continue (see 'deltatune spaces')")
+    return Results.open(storage, name).space()
 
 
 def wanted_space(text: str) -> SearchSpace:

@@ -30,6 +30,18 @@ def test_a_restored_sweep_can_be_reported_on_at_once_and_has_nothing_left_to_run
     assert json.loads(again[1]) == {"collapse": 0}
 
 
+@pytest.mark.usefixtures("quick_figures")
+def test_the_command_that_restore_prints_continues_that_sweep_and_no_larger_one(tmp_path: Path) -> None:
+    out = command("restore", str(PUBLISHED), "paper-figure1", "--storage", str(tmp_path))[1]
+    words = out.partition("deltatune ")[2].removesuffix(" continues it\n").split()
+    assert words == ["sweep", "--name", "paper-figure1", "--storage", str(tmp_path)]
+    before = Results.open(tmp_path, "paper-figure1").plan()
+    code, out, err = command(*words, "--local", "--no-mlflow", "--json")
+    assert code == 0, err
+    assert json.loads(out)["tally"]["ran"] == 0
+    assert Results.open(tmp_path, "paper-figure1").plan() == before
+
+
 def test_where_networks_are_ranked_the_plan_ends_with_the_sources(tmp_path: Path) -> None:
     code, _, err = command("restore", str(PUBLISHED), "source-networks", "--storage", str(tmp_path))
     assert code == 0, err

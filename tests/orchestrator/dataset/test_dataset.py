@@ -16,7 +16,7 @@ from orchestrator.dataset.dataset import CELLS, SUMS, Dataset
 from orchestrator.dataset.publication import write
 from orchestrator.dataset.rows import cell_row, point_rows, record_of
 from orchestrator.execution.replay import replay_published
-from orchestrator.execution.sweep import run
+from orchestrator.execution.sweep import restore, run
 from orchestrator.results.records.record import Record
 from orchestrator.results.sweep_folder import Results
 from search_spaces.loading import parse
@@ -114,8 +114,8 @@ def _bits(dataset: Dataset) -> pd.DataFrame:
 
 
 def test_a_sweep_goes_on_from_what_was_published(swept: Results, dataset: Dataset, tmp_path: Path) -> None:
-    assert dataset.restore("small", tmp_path) == len(dataset.cells)
-    assert dataset.restore("small", tmp_path) == 0
+    assert restore(dataset, "small", tmp_path) == len(dataset.cells)
+    assert restore(dataset, "small", tmp_path) == 0
     restored = Results.open(tmp_path, "small")
     summary = run(restored, LOCAL, Console(quiet=True))
     assert summary.ran == 0, "what the sources have learned is not published, and nothing needs it"
@@ -135,7 +135,7 @@ def test_what_is_not_there_is_said(dataset: Dataset, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no cell 0123456789abcdef in"):
         replay_published(dataset, "0123456789abcdef", tmp_path)
     with pytest.raises(InputError, match=r"unknown sweep in .* 'other'"):
-        dataset.restore("other", tmp_path)
+        dataset.space("other")
     with pytest.raises(InputError, match="is not a dataset"):
         Dataset(tmp_path)
     (tmp_path / "mine.txt").write_text("x")

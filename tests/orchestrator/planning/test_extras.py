@@ -10,9 +10,9 @@ import pytest
 from orchestrator.execution.forecast import forecast
 from orchestrator.execution.session import SweepSession
 from orchestrator.execution.settings import Settings
-from orchestrator.planning.extras import require_extras
+from orchestrator.planning.extras import require_runnable
 from orchestrator.results.sweep_folder import Results
-from search_spaces.loading import load
+from search_spaces.loading import load, parse
 from search_spaces.narrow import narrow
 from trainables import extras
 from trainables.agents.registry import agents
@@ -33,7 +33,7 @@ def bare(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_tabular_space_needs_no_extra(bare: None) -> None:
     for name in ("demo", "paper-gridworld", "paper-supply-chain", "choose-source", "metric-validity"):
-        require_extras(load(name))
+        require_runnable(load(name))
 
 
 @pytest.mark.parametrize(
@@ -48,6 +48,21 @@ def test_a_space_says_every_extra_that_it_lacks(bare: None, task: str, names: st
     assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())
     with pytest.raises(InputError, match="not installed"):
+        forecast(space, Settings(), Results.prepare(tmp_path, "it"), 1)
+
+
+@pytest.mark.parametrize("name", ["agent", "task"])
+def test_a_recorded_space_names_the_file_of_custom_code_that_it_lacks(name: str, tmp_path: Path) -> None:
+    lost = {"agent": "gone.py@01234567:Agent", "task": "gone.py@01234567:Task"}[name]
+    data = load("demo").to_json()
+    scenario = {"source": {"task": lost}, "targets": [lost]}
+    space = parse("recorded", data | ({"agents": {lost: {}}} if name == "agent" else {"scenarios": [scenario]}))
+    with pytest.raises(InputError) as error, SweepSession.open(tmp_path, "it", space):
+        pass
+    assert f"the {name} {lost} needs gone.py as it was then (@01234567)" in str(error.value)
+    assert "--file gone.py" in str(error.value)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match=r"--file gone\.py"):
         forecast(space, Settings(), Results.prepare(tmp_path, "it"), 1)
 
 
