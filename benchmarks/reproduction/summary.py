@@ -12,24 +12,13 @@ from benchmarks.reproduction.claims import DELTA_ES, DQN, ES, WARM_START, X5, X7
 from benchmarks.reproduction.curves import Curves, Published, difference
 from benchmarks.reproduction.safe import SAFE, Standings
 from benchmarks.reproduction.tables import ROWS, interval
-from benchmarks.reproduction.verdicts import ALPHA, Finding
+from benchmarks.reproduction.verdicts import ALPHA, Finding, counted
 from orchestrator.analysis.inference.multiplicity import holm
 from orchestrator.analysis.statistics import Estimate
 
 Key = TypeVar("Key", bound=Hashable)
 
 LEARNERS = (ES, DELTA_ES, WARM_START)
-
-VERDICTS = (
-    "confirmed",
-    "confirmed before correction only",
-    "undecided",
-    "contradicted before correction",
-    "contradicted before correction only",
-    "contradicted",
-    "not run",
-)
-"""All that a finding can have, in the order in which they are told."""
 
 
 def sentences(parts: Published, found: Sequence[tuple[Claim, list[Finding]]], standings: Standings | None) -> list[str]:
@@ -40,9 +29,8 @@ def sentences(parts: Published, found: Sequence[tuple[Claim, list[Finding]]], st
 
 def _claims(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
     """Return how many of the paper's comparisons came out how."""
-    verdicts = list({each.comparison: each.verdict for _, all_of in found for each in all_of}.values())
-    counted = ", ".join(f"{verdicts.count(word)} {word}" for word in sorted(set(verdicts), key=VERDICTS.index))
-    return f"The paper's sentences make {len(verdicts)} comparisons: {counted}."
+    all_of = list({each.comparison: each for _, findings in found for each in findings}.values())
+    return f"The paper's sentences make {len(all_of)} comparisons: {counted(all_of)}."
 
 
 def _learners(curves: Curves) -> str:

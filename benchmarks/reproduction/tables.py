@@ -10,7 +10,7 @@ import pandas as pd
 
 from benchmarks.reproduction.claims import DEMANDS, DQN, MARGIN, REVERSED, SMALL, Arm, Claim, Q
 from benchmarks.reproduction.curves import Curves, difference, seeds, transfer_ratio
-from benchmarks.reproduction.verdicts import Finding
+from benchmarks.reproduction.verdicts import Finding, counted
 from orchestrator.analysis import statistics
 from orchestrator.analysis.statistics import Estimate
 from orchestrator.analysis.tables.paper_table1 import AGENTS, TABLE_1
@@ -160,11 +160,7 @@ def p_text(value: float | None) -> str:
 
 def sentences(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
     """Return each claim with a summary of its verdicts."""
-    rows = []
-    for claim, findings in found:
-        verdicts_ = [finding.verdict for finding in findings]
-        counted = ", ".join(f"{verdicts_.count(word)} {word}" for word in dict.fromkeys(verdicts_))
-        rows.append((f"*{claim.name}*", f"{claim.sentence} ({claim.where})", counted))
+    rows = [(f"*{claim.name}*", f"{claim.sentence} ({claim.where})", counted(findings)) for claim, findings in found]
     return markdown(
         ("claim", "the paper says", f"of its comparisons (margin {MARGIN:.0%} where it says no worse)"), rows
     )

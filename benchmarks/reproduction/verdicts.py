@@ -16,6 +16,17 @@ from orchestrator.analysis.statistics import Estimate
 
 ALPHA = 1 - statistics.LEVEL
 
+VERDICTS = (
+    "confirmed",
+    "confirmed before correction only",
+    "undecided",
+    "contradicted before correction",
+    "contradicted before correction only",
+    "contradicted",
+    "not run",
+)
+"""All that a finding can have, in the order in which they are told."""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -46,6 +57,12 @@ class Finding:
         if self.corrected < ALPHA:
             return word
         return f"{word} before correction only" if self.p < ALPHA else "undecided"
+
+
+def counted(found: Sequence[Finding]) -> str:
+    """Return how many findings came out how: '2 confirmed, 1 undecided'."""
+    verdicts = [finding.verdict for finding in found]
+    return ", ".join(f"{verdicts.count(word)} {word}" for word in VERDICTS if word in verdicts)
 
 
 def findings(curves: Curves, shares: Curves, claims: Sequence[Claim] = CLAIMS) -> list[tuple[Claim, list[Finding]]]:

@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from benchmarks.reproduction import safe, summary
+from benchmarks.reproduction import safe
 from benchmarks.reproduction.__main__ import page
 from benchmarks.reproduction.claims import CLAIMS, DELTA_ES, DQN, ES, LONG, X5, Arm, Claim, Comparison
 from benchmarks.reproduction.curves import BASELINES, FRACTIONS, SAFE, Curves, difference, published
 from benchmarks.reproduction.figures import draw
 from benchmarks.reproduction.tables import ROWS
-from benchmarks.reproduction.verdicts import findings, holm, spreads
+from benchmarks.reproduction.verdicts import VERDICTS, findings, holm, spreads
 from orchestrator.analysis.inference import crossed
 from orchestrator.dataset.dataset import Dataset
 from trainables.cell import Cell, Source
@@ -105,7 +105,7 @@ def test_every_verdict_has_its_place_in_the_summary() -> None:
     parts += [Comparison(X5, DQN, ES, "no worse"), Comparison(X5, ES, DQN, column="first_tenth")]
     for lead in np.linspace(-30, 30, 121):
         aucs = {"dqn": list(100 + draws[0]), "es": list(100 + lead / 10 + draws[1])}
-        assert set(_verdicts(aucs, *parts)) <= set(summary.VERDICTS)
+        assert set(_verdicts(aucs, *parts)) <= set(VERDICTS)
 
 
 def test_the_correction_can_take_a_claim_back() -> None:
