@@ -26,7 +26,7 @@ from trainables.plugins.loader import packed
 SPACE_FILE = "space.yaml"
 """The file of the search space, next to the code of the job."""
 
-FILE_OPTIONS = ("--params", "--source")
+FILE_OPTIONS = ("--params", "--source", "--file")
 """Options of `sweep` whose value may be a file."""
 
 ASK_SECONDS = 180.0

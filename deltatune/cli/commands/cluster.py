@@ -36,7 +36,7 @@ def submit(
     from orchestrator.process_env import prepare
 
     prepare(joins_cluster=True)
-    from deltatune.cli.commands.sweep import wanted_space
+    from deltatune.cli.space_argument import named_space
     from orchestrator.cluster import jobs
     from orchestrator.results.sweep_folder import check_name
     from trainables.storage.folders import absolute
@@ -44,7 +44,7 @@ def submit(
 
     storage = str(absolute(storage_path(storage)))
     words = [*context.args, "--storage", storage]
-    wanted = wanted_space(space)
+    wanted = named_space(space)
     name = check_name(wanted.name if name is None else name)
     check_options(["space.yaml", *words, "--name", name])
     head = jobs.client(address)

@@ -70,6 +70,7 @@ def sweep(
     --name alone, a sweep continues with the search space of its last run. Try `deltatune sweep demo`, or a small
     `deltatune sweep demo --seeds 2 --set episodes=2000 --name try`.
     """
+    from deltatune.cli.space_argument import space_of
     from orchestrator.results.sweep_folder import check_name
     from search_spaces.narrow import narrow
 
@@ -78,7 +79,7 @@ def sweep(
     load_files(file)
     fixed = _settings(settings or [])
     chosen = narrow(
-        _wanted(space, storage, name),
+        space_of(space, storage, name),
         tasks=task or (),
         agents=agent or (),
         seeds=_seeds(seeds),
@@ -206,35 +207,6 @@ def _load_report(artist: DrawingProcess) -> None:
     from deltatune.publish import load
 
     load(artist)
-
-
-def _wanted(space: str | None, storage: Path, name: str | None) -> SearchSpace:
-    """Return the search space that the user names, else that of the last run of the sweep `name` in `storage`.
-
-    Raises InputError as `wanted_space` and `Results.open` do, and where neither is given.
-    """
-    from orchestrator.results.sweep_folder import Results
-    from trainables.errors import InputError
-
-    if space is not None:
-        return wanted_space(space)
-    if name is None:
-        raise InputError("sweep requires a search space, or the --name of a sweep to continue (see 'deltatune spaces')")
-    return Results.open(storage, name).space()
-
-
-def wanted_space(text: str) -> SearchSpace:
-    """Return the search space that `text` names. Raises InputError, which suggests `init` where it names a task."""
-    from search_spaces.loading import built_in, load
-    from trainables.errors import InputError
-    from trainables.plugins.names import by_file
-    from trainables.tasks.registry import families
-
-    if text not in built_in() and (text.startswith("gym:") or by_file(text) or text.partition(":")[0] in families()):
-        raise InputError(
-            f"'{text}' is a task, not a search space: write one for it with deltatune init '{text}' -o mine.yaml"
-        )
-    return load(text)
 
 
 def _summary(name: str, space: SearchSpace) -> str:

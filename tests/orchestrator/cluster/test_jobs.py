@@ -31,7 +31,7 @@ def sent(words: list[str], space: Any = None) -> Head:
 
 
 @pytest.mark.parametrize("form", ["{option} {file}", "{option}={file}"])
-@pytest.mark.parametrize("option", ["--params", "--source"])
+@pytest.mark.parametrize("option", ["--params", "--source", "--file"])
 def test_a_file_goes_along_in_either_form_of_an_option(form: str, option: str, tmp_path: Path) -> None:
     (tmp_path / "x.npz").write_bytes(b"x")
     head = sent(form.format(option=option, file=tmp_path / "x.npz").split())
