@@ -21,10 +21,11 @@ from trainables.tasks.registry import parse_task
 EARLY = {"first_tenth": 0.1, "early": 0.3}
 """Column to the share of the training that it is the AUC of; nearly all of a deep agent's advice acts in the latter."""
 
-BASELINES, FRACTIONS, SAFE = "baselines-cartpole", "figure4-cartpole", "safe-tasks"
+BASELINES = ("baselines-cartpole", "baselines-acrobot")
+FRACTIONS, SAFE = "figure4-cartpole", "safe-tasks"
 """Names of sweeps for parts of the page of their own."""
 
-STUDIES = (BASELINES, FRACTIONS, SAFE, "collapse", "delta-factor", "source-networks")
+STUDIES = (*BASELINES, FRACTIONS, SAFE, "collapse", "delta-factor", "source-networks")
 """Beginnings of the names of sweeps that are no experiment of the paper."""
 
 POINTS = ("cell_id", "episode", "greedy_return")
@@ -92,7 +93,7 @@ class Published:
     paper: Curves
     """The paper's experiments."""
     baselines: Curves
-    """Other uses of a source, on CartPole."""
+    """Other uses of a source."""
     safe: Curves
     """The safe agent and its rivals on all tasks, with as many seeds for each of them."""
     fractions: Curves
@@ -104,8 +105,8 @@ def published(dataset: Dataset) -> Published:
     names = set(dataset.cells["sweep"])
     return Published(
         Curves(dataset, {name for name in names if not name.startswith(STUDIES)}),
-        Curves(dataset, {BASELINES}),
-        Curves(dataset, {BASELINES, SAFE}),
+        Curves(dataset, BASELINES),
+        Curves(dataset, {*BASELINES, SAFE}),
         Curves(dataset, {FRACTIONS}),
     )
 

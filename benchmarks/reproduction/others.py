@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from benchmarks.reproduction.claims import DELTA_ES, DQN, ES, WARM_START, X5, X7, Arm
+from benchmarks.reproduction.claims import DELTA_ES, DQN, ES, LONG, LONGER, WARM_START, X5, X7, Arm
 from benchmarks.reproduction.curves import Curves, difference, seeds
 from benchmarks.reproduction.tables import interval, markdown, mean_sd, p_text
 from orchestrator.analysis.inference.multiplicity import holm
 from orchestrator.analysis.statistics import Estimate
 
-TARGETS = (X5, X7)
+TARGETS = (X5, X7, LONG, LONGER)
 FRESH = Arm("warm_start", (("last_layer", "fresh"),))
 OTHERS = ("safe_start", "jsrl", "ppr_dqn", "kickstart", "replay_seed", "dqinit", "corrected_es", "relative_es")
 ABLATIONS = ("constant_es", "shuffled_es")

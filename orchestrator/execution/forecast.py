@@ -121,7 +121,7 @@ def forecast(space: SearchSpace, settings: Settings, results: Results, workers: 
     trained = distinct(arm for scenario in arms for arm in scenario.values() if arm.task not in settings.pretrained)
     spare(space, settings, ledger)
     first = _stage(SOURCE, trained, space, ledger, costs, keep)
-    choices = settle(arms, settings.pretrained, lambda arm: _choice(ledger, arm, keep))
+    choices = settle(arms, settings.pretrained, lambda arm: _choice(ledger, arm))
     choices = ranked(space, choices, results, writes=False)
     transfers = transfer_arms(space, choices, settings.params)
     if space.sequential:
@@ -197,10 +197,13 @@ def _by_groups(arms: Sequence[Arm], space: SearchSpace, results: Results, ledger
     return Stage(TRANSFER, len(least), len(least) - len(missing[0]), low, high, len(most), taken, longer)
 
 
-def _choice(ledger: Ledger, arm: Arm, keep: bool) -> SourceChoice:
-    """Return the outcome of stage 1 if its cells have ended, else a placeholder; its transfer cells match no record."""
+def _choice(ledger: Ledger, arm: Arm) -> SourceChoice:
+    """Return the outcome of stage 1 if its cells have ended, else a placeholder; its transfer cells match no record.
+
+    A recorded source whose network is not in the library trains again, to the same outcome.
+    """
     cells = arm.all_cells() or ledger.searched(arm)
-    if cells and all(ledger.ended(cell, keep) for cell in cells):
+    if cells and all(map(ledger.ended, cells)):
         return choose(ledger, arm, cells)
     return untrained(arm, steps=PLACEHOLDER_STEPS)
 

@@ -132,8 +132,8 @@ def _sweeps(target: str, agent: str, settings: dict[str, float]) -> tuple[str, .
     if target.startswith("acrobot") and settings.get("advice_fraction") != 0.5:
         return ("table1", SAFE)
     if agent in ("safe_start", "jsrl"):
-        return (BASELINES,)
-    return (FRACTIONS,) if settings.get("advice_fraction") == 0.5 else ("table1", BASELINES, FRACTIONS)
+        return BASELINES[:1]
+    return (FRACTIONS,) if settings.get("advice_fraction") == 0.5 else ("table1", BASELINES[0], FRACTIONS)
 
 
 class _Made:
@@ -194,7 +194,7 @@ def test_further_rows_agents_and_source_networks_find_their_place(tmp_path: Path
     ]
     assert len(deep) >= 5
     assert not [line for line in deep if "not run" in line]
-    assert "|acrobot|40 of 40|`deltatune sweep reproduction --tasks acrobot --seeds 5 --name table1-acrobot`|" in text
+    assert "|acrobot|40 of 80|`deltatune sweep reproduction --tasks acrobot --seeds 10 --name table1-acrobot`|" in text
     assert "|cartpole|80 of 160|" in text
     assert "## Figure 4" in text
     short = text.partition("## In short")[2].partition("## Method")[0]

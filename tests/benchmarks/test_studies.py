@@ -23,7 +23,8 @@ def test_a_studys_space_loads(path: Path) -> None:
 
 
 def test_the_reproduction_finds_the_agents_and_shares_that_it_shows() -> None:
-    beside, fractions = (load(str(FOLDER / name)) for name in ("baselines.yaml", "figure4.yaml"))
-    assert (beside.name, fractions.name) == (BASELINES, FRACTIONS)
-    assert {arm.agent for arm in ARMS} == set(beside.agents) - {"dqn"}
+    names = ("baselines.yaml", "baselines_acrobot.yaml", "figure4.yaml")
+    *beside, fractions = (load(str(FOLDER / name)) for name in names)
+    assert (tuple(space.name for space in beside), fractions.name) == (BASELINES, FRACTIONS)
+    assert all({arm.agent for arm in ARMS} == set(space.agents) - {"dqn"} for space in beside)
     assert tuple(fractions.agents["es"]["advice_fraction"].values) == SHARES

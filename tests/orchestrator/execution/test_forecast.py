@@ -52,6 +52,15 @@ def test_a_grown_sweep_counts_what_is_new(storage: Path) -> None:
     assert dry(storage, "small", space(agents=SPACE["agents"], seeds=3)) == {"source": (6, 2), "transfer": (42, 14)}
 
 
+def test_transfers_of_a_source_that_trains_again_stay_done(storage: Path, tmp_path: Path) -> None:
+    shutil.copytree(storage, tmp_path / "copy")
+    shutil.rmtree(tmp_path / "copy" / "sources")
+    more = space(agents=SPACE["agents"] | {"ppr": {}})
+    kept, lost = dry(storage, "small", more), dry(tmp_path / "copy", "small", more)
+    assert kept == {"source": (2, 2), "transfer": (18, 14)}
+    assert lost == {"source": (2, 1), "transfer": (18, 14)}
+
+
 def test_other_sweeps_that_are_damaged_or_have_no_tables_do_no_harm(storage: Path, tmp_path: Path) -> None:
     shutil.copytree(storage, tmp_path / "copy")
     for path in (tmp_path / "copy" / "small").glob("*.parquet"):
