@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 import jinja2
+import pandas as pd
 
 from benchmarks.reproduction import figures, others, safe, summary, tables
 from benchmarks.reproduction.claims import DEMANDS, MARGIN
@@ -52,17 +53,28 @@ def page(dataset: Dataset, parts: Published) -> str:
         sentences=tables.sentences(found),
         verdicts=tables.verdicts(found),
         theorems=tables.theorems(PAIRS),
-        figure1=_similarity(correlation, len(similar)),
+        figure1=_similarity(correlation, similar),
         tabular=tables.tabular(curves),
     )
 
 
-def _similarity(correlation: statistics.Estimate | None, targets: int) -> str:
+def _similarity(correlation: statistics.Estimate | None, similar: pd.DataFrame) -> str:
     if correlation is None:
         return ""
     return (
-        f"Over {targets} targets the rank correlation of the exact max |delta| with the transfer ratio of reuse is "
-        f"{correlation.value:+.2f}: reuse helps where max |delta| is small and hurts where it is large."
+        f"Over these {len(similar)} targets of one gridworld, the source's own task among them, the rank correlation "
+        f"of the exact max |delta| with the transfer ratio of reuse is {correlation.value:+.2f}.{_gap(similar)}"
+    )
+
+
+def _gap(similar: pd.DataFrame) -> str:
+    """Return where reuse begins to hurt, as a sentence; empty where max |delta| does not tell."""
+    helped, hurt = (similar.loc[side, "delta"] for side in (similar["ratio"] > 0, similar["ratio"] <= 0))
+    if helped.empty or hurt.empty or helped.max() >= hurt.min():
+        return ""
+    return (
+        f" Reuse helps on the {len(helped)} with at most {helped.max():.1f} and hurts on the {len(hurt)} with at least "
+        f"{hurt.min():.1f}; nothing lies between."
     )
 
 

@@ -49,6 +49,9 @@ class Curves:
         for column, share in EARLY.items():
             early = points[points["episode"] <= share * ends].groupby("cell_id")["greedy_return"].mean()
             cells[column] = cells["cell_id"].map(early)
+        cells["after_start"] = cells["cell_id"].map(
+            points[points["episode"] > 0].groupby("cell_id")["greedy_return"].mean()
+        )
         advised = points.groupby("cell_id")["advised_factor"].mean() if "advised_factor" in points else {}
         cells["factor"] = cells["cell_id"].map(advised)
         self._cells, self._points = cells, points

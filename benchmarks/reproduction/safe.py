@@ -8,15 +8,12 @@ import numpy as np
 
 from benchmarks.reproduction.claims import DQN, WARM_START, Arm
 from benchmarks.reproduction.curves import Curves, difference, seeds
+from benchmarks.reproduction.mean_gain import mean_gain, references
 from benchmarks.reproduction.tables import ROWS, interval, markdown, p_text, plain
 from dashboards.figure_model import Chart, Level, Panel, Series
 from orchestrator.analysis.inference import across_tasks, crossed
 from orchestrator.analysis.inference.across_tasks import Scores
 from orchestrator.analysis.inference.multiplicity import holm
-from orchestrator.analysis.over_tasks import reference
-from orchestrator.analysis.statistics import Estimate, tested
-from search_spaces.loading import load
-from trainables.tasks.registry import parse_task
 
 SAFE = Arm("safe_start")
 RIVALS = (DQN, Arm("es"), Arm("delta_es"), WARM_START, Arm("jsrl"))
@@ -46,15 +43,8 @@ def standings(curves: Curves) -> Standings | None:
     )
 
 
-def _references(target: str) -> tuple[float, float]:
-    """Return the returns of a random policy and of a solution."""
-    found = reference(parse_task(target).name, load("reproduction").normalise)
-    assert found is not None
-    return found
-
-
 def _scores(curves: Curves, target: str, arm: Arm) -> crossed.Table:
-    low, high = _references(target)
+    low, high = references(target)
     return (crossed.rectangle(curves.best(target, arm), "auc") - low) / (high - low)
 
 
@@ -64,7 +54,7 @@ def table(found: Standings, curves: Curves) -> str:
     for agent, scores in sorted(found.scores.items(), key=lambda pair: -across_tasks.iqm(pair[1]).value):
         runs, gap, chance = sum(each.size for each in scores), "-", "-"
         if agent != SAFE.agent:
-            gap = interval(gain(found, curves, arms[agent]), 2)
+            gap = interval(mean_gain(curves, found.tasks, SAFE, arms[agent]))
             chance = plain(across_tasks.improvement(found.scores[SAFE.agent], scores))
         rows.append((agent, runs, plain(across_tasks.iqm(scores)), gap, chance, _worst(found, curves, arms[agent])))
     head = (
@@ -78,25 +68,6 @@ def table(found: Standings, curves: Curves) -> str:
     return markdown(head, rows)
 
 
-def gain(found: Standings, curves: Curves, arm: Arm) -> Estimate:
-    """Return the safe agent's normalised AUC less another's, paired by seed: the mean over tasks.
-
-    By Student's t, the standard errors of the tasks put together with Satterthwaite's degrees of freedom.
-    """
-    gaps = [_gaps(curves, task, arm) for task in found.tasks]
-    errors = [crossed.standard_error(each) for each in gaps]
-    variances = np.array([(error or 0.0) ** 2 for error, _ in errors])
-    freedom = variances.sum() ** 2 / sum(part**2 / df for part, (_, df) in zip(variances, errors, strict=True))
-    value = float(np.mean([each.mean() for each in gaps]))
-    return tested(value, float(np.sqrt(variances.sum())) / len(gaps), float(freedom))
-
-
-def _gaps(curves: Curves, target: str, arm: Arm) -> crossed.Table:
-    both = curves.paired(target, SAFE, arm)
-    gaps = both.assign(gap=both["auc"] - both["auc_base"])
-    return crossed.rectangle(gaps.reindex(columns=[*crossed.BY, "gap"]), "gap") / float(np.ptp(_references(target)))
-
-
 def _worst(found: Standings, curves: Curves, arm: Arm) -> str:
     """Return the least difference from dqn, by the normalised AUC, and its task."""
     if arm == DQN:
@@ -105,7 +76,7 @@ def _worst(found: Standings, curves: Curves, arm: Arm) -> str:
     known = {task: gap for task, gap in gaps.items() if gap is not None}
     if not known:
         return "-"
-    task = min(known, key=lambda name: known[name].value / float(np.ptp(_references(name))))
+    task = min(known, key=lambda name: known[name].value / float(np.ptp(references(name))))
     return f"{interval(known[task])} on {task}"
 
 

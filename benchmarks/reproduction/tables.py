@@ -8,7 +8,20 @@ from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
-from benchmarks.reproduction.claims import DEMANDS, DQN, MARGIN, REVERSED, SMALL, Arm, Claim, Q
+from benchmarks.reproduction.claims import (
+    DEMANDS,
+    DQN,
+    GATE,
+    MARGIN,
+    PPR,
+    REUSE,
+    REVERSED,
+    SMALL,
+    SUPPLY_GATE,
+    Arm,
+    Claim,
+    Q,
+)
 from benchmarks.reproduction.curves import Curves, difference, seeds, transfer_ratio
 from benchmarks.reproduction.verdicts import Finding, counted
 from orchestrator.analysis import statistics
@@ -33,6 +46,9 @@ STATISTICS = {
 }
 """What a comparison is of, as the page says it."""
 
+TUNED_PPR = Arm("ppr")
+"""Probabilistic policy reuse with the best of four nu for each target, on the seeds that are shown."""
+
 OTHERS = ("warm_start",)
 """Agents other than the paper's that every row has."""
 
@@ -42,10 +58,13 @@ def markdown(head: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
     return "\n".join(table(head, rows))
 
 
-def interval(estimate: Estimate | None, digits: int = 1) -> str:
-    """Return '+5.1 [-2.0, +12.2]'; '-' for none."""
+def interval(estimate: Estimate | None, digits: int | None = None) -> str:
+    """Return '+5.1 [-2.0, +12.2]', by default with two decimals where it is narrow; '-' for none."""
     if estimate is None:
         return "-"
+    if digits is None:
+        spread = abs(estimate.value) if estimate.low is None or estimate.high is None else estimate.high - estimate.low
+        digits = 2 if spread < 2 else 1
     ends = "" if estimate.low is None else f" [{estimate.low:+.{digits}f}, {estimate.high:+.{digits}f}]"
     return f"{estimate.value:+.{digits}f}{ends}"
 
@@ -76,17 +95,17 @@ def _rows(curves: Curves, target: str) -> Iterable[Sequence[object]]:
         if cells.empty:
             yield target, agent, 0, "-", "not run", "-", "-", paper
             continue
-        digits = 2 if abs(float(cells["auc"].mean())) < 10 else 1
-        said, sources = mean_sd(cells, digits), cells["source_cell"].nunique() or "-"
+        said, sources = mean_sd(cells), cells["source_cell"].nunique() or "-"
         if agent == DQN.agent:
             yield target, agent, seeds(cells), sources, said, "-", "-", paper
             continue
         both = curves.paired(target, arm, DQN)
-        yield target, agent, seeds(cells), sources, said, _ratio(both), interval(difference(both), digits), paper
+        yield target, agent, seeds(cells), sources, said, _ratio(both), interval(difference(both)), paper
 
 
-def mean_sd(cells: pd.DataFrame, digits: int = 1) -> str:
+def mean_sd(cells: pd.DataFrame) -> str:
     """Return mean AUC and standard deviation over cells, as text."""
+    digits = 2 if statistics.sd(list(cells["auc"])) < 1 else 1
     return f"{cells['auc'].mean():.{digits}f} ({statistics.sd(list(cells['auc'])):.{digits}f})"
 
 
@@ -97,7 +116,7 @@ def _ratio(both: pd.DataFrame) -> str:
     if found.value is None:
         return "undefined"
     percent = Estimate(*(None if end is None else 100 * end for end in (found.value, found.low, found.high)))  # type: ignore[arg-type]
-    return interval(percent, 0) + " %"
+    return interval(percent) + " %"
 
 
 def early(curves: Curves) -> str:
@@ -107,25 +126,30 @@ def early(curves: Curves) -> str:
         for agent in (*AGENTS[1:], *OTHERS):
             both = curves.paired(target, Arm(agent), DQN)
             if (gap := difference(both, "early")) is not None:
-                digits = 2 if abs(float(both["early_base"].mean())) < 10 else 1
-                means = (f"{both[column].mean():.{digits}f}" for column in ("early_base", "early"))
+                means = (f"{both[column].mean():.1f}" for column in ("early_base", "early"))
+                after = interval(difference(both, "after_start"))
                 factor = curves.best(target, Arm(agent))["factor"].mean()
                 said = "-" if math.isnan(factor) else f"{factor:.2f}"
-                rows.append((target, agent, seeds(both), *means, interval(gap, digits), said))
-    head = ("target", "agent", "seeds", "dqn", "agent's", "difference [95 %]", "factor of the advice")
+                rows.append((target, agent, seeds(both), *means, interval(gap), said, after))
+    head = (
+        *("target", "agent", "seeds", "dqn", "agent's", "difference [95 %]", "factor of the advice"),
+        "difference in the whole AUC without the first evaluation [95 %]",
+    )
     return markdown(head, rows) if rows else ""
 
 
 def tabular(curves: Curves) -> str:
-    """Return AUC and difference from Q-learning of the tabular agents, each at its best configuration."""
+    """Return AUC and difference from Q-learning of the tabular agents, with the paper's threshold and nu."""
     rows = []
     for target in (SMALL, REVERSED, *DEMANDS):
-        for agent in ("q_learning", "policy_reuse", "ppr", "delta_gate", "confidence_gate", "q_warm_start"):
-            cells = curves.best(target, Arm(agent))
+        gate = GATE if target in (SMALL, REVERSED) else SUPPLY_GATE
+        for arm in (Q, REUSE, PPR, TUNED_PPR, gate, Arm("confidence_gate"), Arm("q_warm_start")):
+            cells = curves.best(target, arm)
             if cells.empty:
                 continue
-            gap = None if agent == Q.agent else difference(curves.paired(target, Arm(agent), Q))
-            rows.append((target, agent, seeds(cells), mean_sd(cells), interval(gap)))
+            name = "ppr (best nu)" if arm == TUNED_PPR else arm
+            gap = None if arm == Q else difference(curves.paired(target, arm, Q))
+            rows.append((target, name, seeds(cells), mean_sd(cells), interval(gap)))
     return markdown(("target", "agent", "seeds", "AUC (sd)", "difference from q_learning [95 %]"), rows)
 
 
@@ -143,7 +167,7 @@ def verdicts(found: Sequence[tuple[Claim, list[Finding]]]) -> str:
                     f"{part.better} {sign} {part.worse}{what}",
                     part.target,
                     finding.seeds,
-                    interval(finding.difference, 2 if abs(finding.base) < 10 else 1),
+                    interval(finding.difference),
                     p_text(finding.p),
                     p_text(finding.corrected),
                     finding.verdict,

@@ -36,8 +36,6 @@ class Finding:
     seeds: int
     difference: Estimate | None
     """First minus second, paired by seed and source network; None where there are fewer than two seeds."""
-    base: float
-    """Mean of the second."""
     p: float | None
     """Two-sided, of Student's paired test of no difference; for 'no worse' the one-sided one of a loss of MARGIN."""
     corrected: float | None = None
@@ -80,10 +78,9 @@ def _find(curves: Curves, part: Comparison) -> Finding:
     both = _paired(curves, part)
     gap = difference(both, part.column)
     if gap is None:
-        return Finding(part, seeds(both), None, float("nan"), None)
-    base = float(both[f"{part.column}_base"].mean())
-    p = _no_worse(both, part.column, MARGIN * abs(base)) if part.kind == "no worse" else gap.p
-    return Finding(part, seeds(both), gap, base, p)
+        return Finding(part, seeds(both), None, None)
+    p = no_worse(both, part.column) if part.kind == "no worse" else gap.p
+    return Finding(part, seeds(both), gap, p)
 
 
 def _paired(curves: Curves, part: Comparison) -> pd.DataFrame:
@@ -107,7 +104,8 @@ def spreads(curves: Curves, target: str, arm: Arm, column: str) -> pd.Series[flo
     return pd.concat([np.log(each.var()) for each in aucs], axis=1).mean(axis=1)
 
 
-def _no_worse(both: pd.DataFrame, column: str, loss: float) -> float | None:
-    """Return the one-sided p-value that the first is on average worse than the second by `loss` or more."""
+def no_worse(both: pd.DataFrame, column: str = "auc") -> float | None:
+    """Return the one-sided p-value that the first loses MARGIN of the second's mean, or more."""
+    loss = MARGIN * abs(float(both[f"{column}_base"].mean()))
     over = difference(both, column, loss)
     return None if over is None or over.p is None else over.p / 2 if over.value > 0 else 1 - over.p / 2

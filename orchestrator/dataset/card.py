@@ -47,7 +47,8 @@ COLUMNS = {
 
 def card(cells: pd.DataFrame, remarks: str = "") -> str:
     """Return the data card of the published cells; `remarks` is Markdown that follows the first paragraph."""
-    done = f"{len(cells):,} cells of {cells['sweep'].nunique()} sweeps"
+    done = f"{cells['cell_id'].nunique():,} cells in {len(cells):,} rows (a cell is in every sweep that has it) of "
+    done += f"{cells['sweep'].nunique()} sweeps"
     hours = cells.drop_duplicates("cell_id")["seconds"].sum() / 3600
     first = f"# Data card\n\nTransfer experiments made with deltatune: {done}, {hours:.1f} core-hours of training."
     parts = [
@@ -84,7 +85,8 @@ def _made(cells: pd.DataFrame) -> str:
     commits = ", ".join(sorted(cells["commit"].unique()))
     return (
         f"With {', '.join(versions)}; code of {commits}. Only cells that are done are in it; a cell that failed or was "
-        "stopped early has no AUC. One thread computes a cell, and the same cell gives the same bits on any machine."
+        "stopped early has no AUC. One thread computes a cell; with these versions the same cell gave the same "
+        "bits on every machine that was tried."
     )
 
 
