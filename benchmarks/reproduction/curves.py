@@ -22,10 +22,10 @@ EARLY = {"first_tenth": 0.1, "early": 0.3}
 """Column to the share of the training that it is the AUC of; nearly all of a deep agent's advice acts in the latter."""
 
 BASELINES = ("baselines-cartpole", "baselines-acrobot")
-FRACTIONS, SAFE = "figure4-cartpole", "safe-tasks"
+EXPLORATION, FRACTIONS, SAFE = "exploration-cartpole", "figure4-cartpole", "safe-tasks"
 """Names of sweeps for parts of the page of their own."""
 
-STUDIES = (*BASELINES, FRACTIONS, SAFE, "collapse", "delta-factor", "source-networks")
+STUDIES = (*BASELINES, EXPLORATION, FRACTIONS, SAFE, "collapse", "delta-factor", "source-networks")
 """Beginnings of the names of sweeps that are no experiment of the paper."""
 
 POINTS = ("cell_id", "episode", "greedy_return")
@@ -108,7 +108,7 @@ def published(dataset: Dataset) -> Published:
     names = set(dataset.cells["sweep"])
     return Published(
         Curves(dataset, {name for name in names if not name.startswith(STUDIES)}),
-        Curves(dataset, BASELINES),
+        Curves(dataset, {*BASELINES, EXPLORATION}),
         Curves(dataset, {*BASELINES, SAFE}),
         Curves(dataset, {FRACTIONS}),
     )

@@ -12,9 +12,11 @@ from orchestrator.analysis.statistics import Estimate
 
 TARGETS = (X5, X7, LONG, LONGER)
 FRESH = Arm("warm_start", (("last_layer", "fresh"),))
+EXPLORING = Arm("dqn", (("epsilon_start", 0.3), ("epsilon_decay", 50.0)))
+"""DQN with the exploration of a warm start, and nothing from a source."""
 OTHERS = ("safe_start", "jsrl", "ppr_dqn", "kickstart", "replay_seed", "dqinit", "corrected_es", "relative_es")
 ABLATIONS = ("constant_es", "shuffled_es")
-ARMS = (ES, DELTA_ES, WARM_START, FRESH, *(Arm(agent) for agent in (*OTHERS, *ABLATIONS)))
+ARMS = (EXPLORING, ES, DELTA_ES, WARM_START, FRESH, *(Arm(agent) for agent in (*OTHERS, *ABLATIONS)))
 PAIRS = (
     (DELTA_ES, ES),
     *((DELTA_ES, Arm(agent)) for agent in ABLATIONS),
@@ -64,5 +66,5 @@ def _beside(curves: Curves) -> Iterable[Row]:
 
 
 def _name(arm: Arm) -> str:
-    """Return the agent's name, with its last layer where that is not the source's."""
-    return f"{arm.agent}, fresh last layer" if arm == FRESH else arm.agent
+    """Return the agent's name, with what is not its default."""
+    return {FRESH: "warm_start, fresh last layer", EXPLORING: "dqn, explores as warm_start"}.get(arm, arm.agent)

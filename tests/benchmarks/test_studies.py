@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks import studies
 from benchmarks.reproduction.claims import SHARES
-from benchmarks.reproduction.curves import BASELINES, FRACTIONS, STUDIES
-from benchmarks.reproduction.others import ARMS
+from benchmarks.reproduction.curves import BASELINES, EXPLORATION, FRACTIONS, STUDIES
+from benchmarks.reproduction.others import ARMS, EXPLORING
 from search_spaces.loading import load
 
 FOLDER = Path(studies.__file__).parent
@@ -23,8 +23,10 @@ def test_a_studys_space_loads(path: Path) -> None:
 
 
 def test_the_reproduction_finds_the_agents_and_shares_that_it_shows() -> None:
-    names = ("baselines.yaml", "baselines_acrobot.yaml", "figure4.yaml")
-    *beside, fractions = (load(str(FOLDER / name)) for name in names)
+    names = ("baselines.yaml", "baselines_acrobot.yaml", "exploration.yaml", "figure4.yaml")
+    *beside, exploring, fractions = (load(str(FOLDER / name)) for name in names)
     assert (tuple(space.name for space in beside), fractions.name) == (BASELINES, FRACTIONS)
-    assert all({arm.agent for arm in ARMS} == set(space.agents) - {"dqn"} for space in beside)
+    assert exploring.name == EXPLORATION
+    assert {name: value.values[0] for name, value in exploring.agents["dqn"].items()} == dict(EXPLORING.settings)
+    assert all({arm.agent for arm in ARMS} == set(space.agents) for space in beside)
     assert tuple(fractions.agents["es"]["advice_fraction"].values) == SHARES
