@@ -63,7 +63,7 @@ SMALL, REVERSED = f"{WIND}small", f"{WIND}reversed"
 DEMANDS = ("supply_chain:demand_mean=2", "supply_chain:demand_mean=5")
 X5, X7 = "cartpole:gravity=5x", "cartpole:gravity=7x"
 LONG, LONGER = "acrobot:link_mass=1.5", "acrobot:link_mass=2"
-HEAVY, LIGHT = "lunar_lander:mass=1.1", "lunar_lander:mass=0.75"
+HEAVY, HEAVIER, LIGHT = "lunar_lander:mass=1.1", "lunar_lander:mass=1.5", "lunar_lander:mass=0.75"
 PUSHED = ("reacher:y_force=0.75", "reacher:y_force=1")
 
 SHORT, LONG_ADVICE = (Arm("delta_es", (("advice_fraction", at),)) for at in (SHARES[0], SHARES[-1]))

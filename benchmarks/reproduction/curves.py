@@ -21,7 +21,7 @@ from trainables.tasks.registry import parse_task
 EARLY = {"first_tenth": 0.1, "early": 0.3}
 """Column to the share of the training that it is the AUC of; nearly all of a deep agent's advice acts in the latter."""
 
-BASELINES = ("baselines-cartpole", "baselines-acrobot")
+BASELINES = ("baselines-cartpole", "baselines-acrobot", "baselines-lunar-lander")
 EXPLORATION, FRACTIONS, SAFE = "exploration-cartpole", "figure4-cartpole", "safe-tasks"
 """Names of sweeps for parts of the page of their own."""
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from benchmarks.reproduction.claims import DELTA_ES, DQN, ES, LONG, LONGER, WARM_START, X5, X7, Arm
+from benchmarks.reproduction.claims import DELTA_ES, DQN, ES, HEAVIER, HEAVY, LONG, LONGER, WARM_START, X5, X7, Arm
 from benchmarks.reproduction.curves import Curves, difference, seeds
 from benchmarks.reproduction.tables import interval, markdown, mean_sd, p_text
 from orchestrator.analysis.inference.multiplicity import holm
 from orchestrator.analysis.statistics import Estimate
 
-TARGETS = (X5, X7, LONG, LONGER)
+TARGETS = (X5, X7, LONG, LONGER, HEAVY, HEAVIER)
 FRESH = Arm("warm_start", (("last_layer", "fresh"),))
 EXPLORING = Arm("dqn", (("epsilon_start", 0.3), ("epsilon_decay", 50.0)))
 """DQN with the exploration of a warm start, and nothing from a source."""

@@ -7,9 +7,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.reproduction.claims import DELTA_ES, DQN, ES, MARGIN, WARM_START, X5, X7, Arm, Claim
+from benchmarks.reproduction.claims import DELTA_ES, DQN, ES, MARGIN, WARM_START, Arm, Claim
 from benchmarks.reproduction.curves import Curves, Published, difference
 from benchmarks.reproduction.mean_gain import mean_gain
+from benchmarks.reproduction.others import TARGETS
 from benchmarks.reproduction.safe import SAFE, Standings
 from benchmarks.reproduction.tables import ROWS, interval
 from benchmarks.reproduction.verdicts import ALPHA, Finding, counted, no_worse
@@ -60,7 +61,7 @@ def _delta(curves: Curves) -> str:
 
 def _factor(curves: Curves) -> str:
     """Return what of delta's factor is more than its mean."""
-    gaps = {target: difference(curves.paired(target, DELTA_ES, Arm("constant_es"))) for target in (X5, X7)}
+    gaps = {target: difference(curves.paired(target, DELTA_ES, Arm("constant_es"))) for target in TARGETS}
     told = [f"{interval(gap)} on {target}" for target, gap in gaps.items() if gap is not None]
     what = "`delta_es` less `constant_es`, which has the mean of delta's factors in all states"
     return f"{what}: {', '.join(told)}." if told else ""
