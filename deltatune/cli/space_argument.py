@@ -16,12 +16,16 @@ def space_of(space: str | None, storage: Path, name: str | None) -> SearchSpace:
     """
     from orchestrator.results.sweep_folder import Results
     from trainables.errors import InputError
+    from trainables.storage.folders import absolute
 
     if space is not None:
         return named_space(space)
     if name is None:
         raise InputError("sweep requires a search space, or the --name of a sweep to continue (see 'deltatune spaces')")
-    return Results.open(storage, name).space()
+    results = Results.open(storage, name)
+    if results.storage != absolute(storage):  # `open` also takes a folder that is somewhere else
+        raise InputError(f"no sweep '{name}' in {storage}; the one in {results.storage} needs --storage")
+    return results.space()
 
 
 def named_space(text: str) -> SearchSpace:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -120,7 +121,7 @@ def restore(
         print_json(written)
         return
     for name, count in written.items():
-        there = "" if storage == RESULTS else f" --storage {storage}"
+        there = "" if storage == RESULTS else f" --storage {shlex.quote(str(storage))}"
         out.print(f"{name}: {count} records; {program()} sweep --name {name}{there} continues it", soft_wrap=True)
 
 

@@ -57,6 +57,17 @@ def test_a_narrowed_sweep_is_narrowed_further_never_widened(tmp_path: Path) -> N
     assert results.space() == _small()
 
 
+def test_a_sweep_of_another_storage_is_not_taken_for_one_of_this(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Results.create(tmp_path, "small", _small())
+    monkeypatch.chdir(tmp_path)
+    code, _, err = command("sweep", "--name", "small", "--local", "--no-mlflow")
+    assert code == 2
+    assert f"no sweep 'small' in results; the one in {tmp_path} needs --storage" in " ".join(err.split())
+    assert not (tmp_path / "results").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
