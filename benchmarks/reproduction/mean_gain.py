@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from search_spaces.loading import load
 from trainables.tasks.registry import parse_task
 
 
+@cache
 def references(target: str) -> tuple[float, float]:
     """Return the returns of a random policy and of a solution."""
     found = reference(parse_task(target).name, load("reproduction").normalise)

@@ -6,13 +6,10 @@ They come from the sweep's folder (`remember`), and contain nothing that can be 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from trainables.plugins.loader import BROKEN, others
 from trainables.plugins.names import by_file
-
-if TYPE_CHECKING:
-    pass
 
 _NOTES: dict[str, Mapping[str, Any]] = {}
 """Notes by canonical name."""

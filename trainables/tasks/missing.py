@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from trainables.errors import InputError
-from trainables.tasks.spec.family import ContextFeature, TaskFamily, split_features
-
-if TYPE_CHECKING:
-    pass
 from trainables.plugins.notes import _NOTES, needed_code
+from trainables.tasks.spec.family import ContextFeature, TaskFamily, split_features
 
 
 def missing_family(name: str, features: str) -> TaskFamily:
